@@ -1,0 +1,27 @@
+"""The errors of the project. Every message says what was wrong, where, and what would be right."""
+
+from difflib import get_close_matches
+
+
+class RobotDynamicsError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class DescriptionError(RobotDynamicsError):
+    """A description of a robot cannot be read, or says something impossible."""
+
+
+class QuestionError(RobotDynamicsError):
+    """A question does not fit the robot: wrong names, shapes or values."""
+
+
+class SingularModelError(RobotDynamicsError):
+    """The direct model has no finite answer: nothing with inertia resists some motion."""
+
+
+def unknown_name(kind, name, known):
+    """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
+    known = list(known)
+    close = get_close_matches(str(name), known, n=3)
+    hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are {', '.join(known[:40]) or 'none'}"
+    return f"unknown {kind} {name!r}: {hint}"

@@ -1,0 +1,1 @@
+"""What a robot is: data, readers and writers. No algorithm."""

@@ -1,0 +1,80 @@
+"""Mass properties of a rigid body about the origin of a frame."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+
+def skew(vector):
+    """The matrix (3, 3) of the vector product: skew(a) @ b = a × b."""
+    x, y, z = vector
+    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """The ten standard inertial parameters of a body, about the origin of its frame and along its axes.
+
+    mass: M [kg]. first_moments: MS = M·c (3,) [kg m], c the centre of mass. second_moments: J (3, 3) [kg m²].
+    """
+
+    mass: float = 0.0
+    first_moments: np.ndarray = (0.0, 0.0, 0.0)
+    second_moments: np.ndarray = ((0.0,) * 3,) * 3
+
+    def __post_init__(self):
+        for name in ("first_moments", "second_moments"):
+            object.__setattr__(self, name, np.array(getattr(self, name)))
+
+    @classmethod
+    def about_centre_of_mass(cls, mass, inertia, frame):
+        """From the mass [kg] and the inertia (3, 3) [kg m²] about the centre of mass, where `frame` (4, 4) places a
+        frame with its origin in the centre of mass and the axes of `inertia`, as URDF does."""
+        return cls(mass, np.zeros(3), inertia).seen_from(frame)
+
+    def seen_from(self, placement):
+        """The same body about the frame i in which `placement`, iTj (4, 4), places the frame j of this inertia."""
+        R, P = placement[:3, :3], placement[:3, 3]
+        first, second = R @ self.first_moments, R @ self.second_moments @ R.T
+        offset, moment = skew(P), skew(first)
+        # parallel axes for a point that is not the centre of mass: J_i = R J Rᵀ − P̂ M̂S − M̂S P̂ − M P̂ P̂
+        second = second - offset @ moment - moment @ offset - self.mass * offset @ offset
+        return Inertia(self.mass, first + self.mass * P, (second + second.T) / 2)
+
+    def __add__(self, other):
+        return Inertia(
+            self.mass + other.mass,
+            self.first_moments + other.first_moments,
+            self.second_moments + other.second_moments,
+        )
+
+    @cached_property
+    def spatial(self):
+        """The (6, 6) inertia that maps [V̇; ω̇] of the frame's origin to [force; moment] there (Khalil, section 3)."""
+        MS = skew(self.first_moments)
+        return np.block([[self.mass * np.eye(3), -MS], [MS, self.second_moments]])
+
+    @cached_property
+    def is_finite(self):
+        return bool(np.isfinite(self.spatial).all())
+
+    def objections(self):
+        """Why no real body has these parameters: a list of sentences, empty for a body that can exist."""
+        if self.mass < 0:
+            return [f"mass {self.mass:g} kg is negative"]
+        if self.mass == 0:
+            if np.any(self.first_moments) or np.any(self.second_moments):
+                return ["mass is zero but moments are not"]
+            return []
+        offset = skew(self.first_moments / self.mass)
+        central = self.second_moments + self.mass * offset @ offset
+        # moments are judged against the size of what was subtracted, so that rounding is no objection
+        tolerance = 1e-9 * max(np.abs(central).max(), 1e-3 * np.abs(self.second_moments).max())
+        smallest, middle, largest = np.linalg.eigvalsh(central)
+        moments = f"principal moments about the centre of mass {smallest:.4g}, {middle:.4g}, {largest:.4g} kg m²"
+        if smallest < -tolerance:
+            return [f"inertia is not positive definite: {moments}"]
+        if largest > smallest + middle + tolerance:
+            return [f"inertia violates the triangle inequality: {moments}"]
+        return []

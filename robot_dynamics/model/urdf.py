@@ -1,0 +1,141 @@
+"""URDF to Robot: links that move become bodies, fixed ones are lumped into them exactly and stay known as frames."""
+
+import io
+
+import numpy as np
+import yourdfpy
+from lxml import etree
+
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
+from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot
+from robot_dynamics.model.urdf_document import check_urdf, parse_urdf_text
+
+
+def read_urdf(text, *, source="URDF", moving_base=None, gravity=EARTH):
+    """Read a robot from the text of a URDF (str or bytes).
+
+    source: what to call the description in errors. moving_base: whether the base is free to move; None: it is where
+    the root of the tree floats (a joint of type floating leaves the root link). gravity: (3,) [m/s²], in the world.
+
+    The variable of each joint keeps URDF's sign and zero. Meshes are never loaded. Raises DescriptionError.
+    """
+    root = parse_urdf_text(text, source)
+    check_urdf(root, source)
+    # yourdfpy gets what the checks saw, and nothing to draw
+    document = yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
+    return _Builder(document.robot, source).build(moving_base, gravity)
+
+
+class _Builder:
+    """Walks the tree of a URDF from its root and gathers bodies, joints and frames."""
+
+    def __init__(self, description, source):
+        self.description, self.source = description, source
+        self.inertials = {link.name: link.inertial for link in description.links}
+        self.joints_from = {link.name: [] for link in description.links}
+        self.joint_to = {}
+        for joint in description.joints:
+            self.joints_from[joint.parent].append(joint)
+            if joint.child in self.joint_to:
+                self._fail(
+                    f"link {joint.child!r} is the child of joint {self.joint_to[joint.child].name!r} and of joint "
+                    f"{joint.name!r}: in a tree it has one parent"
+                )
+            self.joint_to[joint.child] = joint
+
+    def _fail(self, message):
+        raise DescriptionError(f"{self.source}: {message}")
+
+    def build(self, moving_base, gravity):
+        base, floats = self._base()
+        self.names, self.inertias, self.joints, self.frames = [base], [Inertia()], [], []
+        self._walk(base)
+        try:
+            return self._robot(floats if moving_base is None else moving_base, gravity)
+        except DescriptionError as error:
+            self._fail(error)
+
+    def _robot(self, moving_base, gravity):
+        return Robot(
+            name=self.description.name,
+            links=tuple(map(Link, self.names, self.inertias)),
+            joints=tuple(self.joints),
+            frames=tuple(self.frames),
+            moving_base=moving_base,
+            gravity=gravity,
+        )
+
+    def _base(self):
+        """The link that becomes link 0, and whether it floats."""
+        roots = [name for name in self.joints_from if name not in self.joint_to]
+        if not roots:
+            self._fail("every link is the child of a joint, so the joints close a cycle: one link must be the root")
+        if len(roots) > 1:
+            self._fail(f"links {' and '.join(map(repr, roots[:5]))} are all roots: every link but one needs a parent")
+        self._check_reached(roots[0])
+        for joint in self.description.joints:
+            if joint.type == "floating" and joint.parent != roots[0]:
+                self._fail(f"joint {joint.name!r} is floating inside the tree: only a joint at the root can be")
+        leaving = self.joints_from[roots[0]]
+        if not any(joint.type == "floating" for joint in leaving):
+            return roots[0], False
+        if len(leaving) > 1 or self.inertials[roots[0]] is not None:
+            self._fail(
+                f"joint {leaving[0].name!r} floats but link {roots[0]!r} carries more: "
+                "a link that a floating joint leaves is the world, without mass and other joints"
+            )
+        return leaving[0].child, True
+
+    def _check_reached(self, root):
+        reached, front = set(), [root]
+        while front:
+            reached.add(name := front.pop())
+            front += [joint.child for joint in self.joints_from[name]]
+        lost = [name for name in self.joints_from if name not in reached]
+        if lost:
+            self._fail(f"links {', '.join(map(repr, lost[:5]))} form a cycle: the root {root!r} does not lead to them")
+
+    def _walk(self, base):
+        """Visit every link once, parents first, in the order of the description along each branch."""
+        front = [(base, 0, np.eye(4))]  # link, the body it belongs to, its placement in the frame of that body
+        while front:
+            name, body, frame = front.pop()
+            self.frames.append(Frame(name, body, frame))
+            self.inertias[body] += self._inertia(name).seen_from(frame)
+            branches = []
+            for joint in self.joints_from[name]:
+                placed = frame @ (np.eye(4) if joint.origin is None else joint.origin)
+                if joint.type == "fixed":
+                    branches.append((joint.child, body, placed))
+                else:
+                    turn = placement(rotation_with_z_along(joint.axis))
+                    self.joints.append(self._joint(joint, body, placed @ turn))
+                    self.names.append(joint.child)
+                    self.inertias.append(Inertia())
+                    branches.append((joint.child, len(self.joints), inverse(turn)))
+            front += reversed(branches)
+
+    def _inertia(self, name):
+        inertial = self.inertials[name]
+        if inertial is None:
+            return Inertia()
+        frame = np.eye(4) if inertial.origin is None else inertial.origin
+        return Inertia.about_centre_of_mass(inertial.mass, inertial.inertia, frame)
+
+    def _joint(self, joint, antecedent, placed):
+        limit, dynamics, mimic = joint.limit, joint.dynamics, joint.mimic
+        bounds = {} if limit is None else {key: getattr(limit, key) for key in ("lower", "upper", "velocity", "effort")}
+        if joint.type == "continuous":
+            bounds.pop("lower", None), bounds.pop("upper", None)
+        return Joint(
+            name=joint.name,
+            antecedent=antecedent,
+            prismatic=joint.type == "prismatic",
+            placement=placed,
+            viscous_friction=float(dynamics.damping or 0) if dynamics else 0.0,
+            coulomb_friction=float(dynamics.friction or 0) if dynamics else 0.0,
+            limits=Limits(**{key: value for key, value in bounds.items() if value is not None}),
+            mimic=Mimic(mimic.joint, mimic.multiplier, mimic.offset) if mimic else None,
+        )

@@ -1,0 +1,196 @@
+"""From the text of a URDF to an XML tree that is safe to interpret.
+
+yourdfpy forgives: it repairs broken XML, gives a missing moment of inertia the value 1 and takes any joint type. What it
+would forgive is refused here, with the line, before it is asked.
+"""
+
+import math
+import re
+
+from lxml import etree
+
+from robot_dynamics.errors import DescriptionError, unknown_name
+
+LARGEST_DESCRIPTION = 10 * 1024 * 1024  # characters; the largest real descriptions have half a million
+
+JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating")
+SHAPES_AND_COLOURS = ("visual", "collision", "material")  # the dynamics have no use for them, nor for any mesh
+
+
+def parse_urdf_text(text, source):
+    """The root element <robot> of a URDF.
+
+    text: str, or bytes as read from a file; source: what to call the description in errors. Nothing but the text
+    itself is read: no DTD, no entity, no include.
+    """
+    text = decode(text, source)
+    refuse_what_reaches_outside(text, source)
+    declaration = re.match(r"\s*<\?xml.*?\?>", text, re.DOTALL)
+    if declaration:  # the text is decoded: what it says of its encoding has had its effect; lines stay where they are
+        text = "\n" * declaration.group().count("\n") + text[declaration.end() :]
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(text.encode("utf-8"), parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise DescriptionError(f"{source} is not well-formed XML: {error}") from None
+    if root.tag != "robot":
+        raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
+    refuse_unexpanded(root, source)
+    for element in root.xpath("|".join(f"//{tag}" for tag in SHAPES_AND_COLOURS)):
+        element.getparent().remove(element)
+    return root
+
+
+def decode(text, source):
+    if len(text) > LARGEST_DESCRIPTION:
+        raise DescriptionError(
+            f"{source} has {len(text)} characters: more than {LARGEST_DESCRIPTION} are not read. "
+            "A description refers to its meshes, it does not contain them"
+        )
+    if isinstance(text, bytes):
+        declared = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._-]+)", text)
+        encoding = declared.group(1).decode() if declared else "utf-8-sig"
+        if text[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            encoding = "utf-16"
+        try:
+            text = text.decode(encoding)
+        except (UnicodeDecodeError, LookupError) as error:
+            raise DescriptionError(f"{source} cannot be decoded: {error}. Save it as UTF-8") from None
+    text = text.removeprefix("\ufeff")
+    if not text.strip():
+        raise DescriptionError(f"{source} is empty: a URDF is needed")
+    return text
+
+
+def refuse_what_reaches_outside(text, source):
+    for pattern, what in (
+        (r"<!\s*DOCTYPE", "a DOCTYPE"),
+        (r"<!\s*ENTITY", "an entity"),
+        (r"http://www\.w3\.org/2001/XInclude", "an XInclude"),
+    ):
+        found = re.search(pattern, text, re.IGNORECASE)
+        if found:
+            line = text.count("\n", 0, found.start()) + 1
+            raise DescriptionError(
+                f"{source}, line {line}: {what} is refused, a URDF needs none and it could read other files. Remove it"
+            )
+
+
+def refuse_unexpanded(root, source):
+    for element in root.iter(etree.Element):
+        if element.prefix and "xacro" in (element.nsmap.get(element.prefix) or ""):
+            raise DescriptionError(
+                f"{source}, line {element.sourceline}: <{element.prefix}:{etree.QName(element).localname}> is xacro. "
+                "Expand it first: xacro robot.urdf.xacro > robot.urdf"
+            )
+
+
+def check_urdf(root, source):
+    """Refuse what no reader could interpret, naming the line, the element and what would be right.
+
+    Checks names, references, types and numbers; that links and joints form one tree is checked where it is walked.
+    """
+
+    def fail(element, message):
+        raise DescriptionError(f"{source}, line {element.sourceline}: {message}")
+
+    if root.get("name") is None:
+        root.set("name", "robot")
+    links = named(root, "link", fail)
+    if not links:
+        fail(root, "there is no <link>: a robot has one at least")
+    for name, link in links.items():
+        check_inertial(name, link, fail)
+    for name, joint in named(root, "joint", fail).items():
+        check_joint(name, joint, links, fail)
+
+
+def named(root, tag, fail):
+    """The children of that tag by name. Refuses one without a name, or with another's."""
+    found = {}
+    for element in root.findall(tag):
+        name = element.get("name")
+        if not name:
+            fail(element, f"this <{tag}> has no name")
+        if name in found:
+            fail(element, f"{tag} {name!r} is there already, at line {found[name].sourceline}: names must differ")
+        found[name] = element
+    return found
+
+
+def check_inertial(name, link, fail):
+    inertials = link.findall("inertial")
+    if not inertials:
+        return
+    if len(inertials) > 1:
+        fail(inertials[1], f"link {name!r} has a second <inertial>: one says all, add them up")
+    (inertial,) = inertials
+    owner = f"link {name!r}"
+    check_origin(inertial, owner, fail)
+    for tag, attributes in (("mass", ("value",)), ("inertia", ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
+        element = inertial.find(tag)
+        if element is None:
+            fail(inertial, f"{owner} has an <inertial> without <{tag}>: give it, or leave out <inertial> if massless")
+        for attribute in attributes:
+            if element.get(attribute) is None:
+                fail(element, f"{owner}: <{tag}> lacks {attribute}")
+            check_numbers(element, attribute, 1, owner, fail)
+    if float(inertial.find("mass").get("value")) < 0:
+        fail(inertial, f"{owner}: mass {inertial.find('mass').get('value')} kg is negative")
+
+
+def check_joint(name, joint, links, fail):
+    owner, kind = f"joint {name!r}", joint.get("type")
+    if kind not in JOINT_TYPES:
+        fail(joint, f"{owner} has type {kind!r}: known are {', '.join(JOINT_TYPES)}")
+    for tag in ("parent", "child"):
+        element = joint.find(tag)
+        if element is None or element.get("link") is None:
+            fail(joint, f"{owner} has no <{tag} link='...'>")
+        if element.get("link") not in links:
+            fail(element, f"{owner}, {tag}: {unknown_name('link', element.get('link'), links)}")
+    check_origin(joint, owner, fail)
+    axis = joint.find("axis")
+    if axis is not None and kind not in ("fixed", "floating"):
+        if axis.get("xyz") is None:
+            fail(axis, f"{owner}: <axis> lacks xyz")
+        check_numbers(axis, "xyz", 3, owner, fail)
+        if math.hypot(*map(float, axis.get("xyz").split())) < 1e-6:
+            fail(axis, f"{owner}: axis {axis.get('xyz')!r} has no direction")
+    for tag, attributes in (
+        ("limit", ("lower", "upper", "velocity", "effort")),
+        ("dynamics", ("damping", "friction")),
+        ("mimic", ("multiplier", "offset")),
+    ):
+        for element in joint.findall(tag):
+            for attribute in attributes:
+                check_numbers(element, attribute, 1, owner, fail, finite=tag != "limit")
+    dynamics = joint.find("dynamics")
+    for attribute in ("damping", "friction") if dynamics is not None else ():
+        if float(dynamics.get(attribute, 0)) < 0:
+            fail(dynamics, f"{owner}: {attribute} {dynamics.get(attribute)} is negative, it would drive the joint")
+    mimic = joint.find("mimic")
+    if mimic is not None and not mimic.get("joint"):
+        fail(mimic, f"{owner}: <mimic> does not say which joint")
+
+
+def check_origin(parent, owner, fail):
+    origin = parent.find("origin")
+    for attribute in ("xyz", "rpy") if origin is not None else ():
+        check_numbers(origin, attribute, 3, owner, fail)
+
+
+def check_numbers(element, attribute, count, owner, fail, finite=True):
+    """Refuse an attribute that is there but is not `count` numbers."""
+    text = element.get(attribute)
+    if text is None:
+        return
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or "_" in text or any(map(math.isnan, numbers)):
+        need = "a number is" if count == 1 else f"{count} numbers are"
+        fail(element, f"{owner}: <{element.tag}> has {attribute}={text[:60]!r}, {need} needed")
+    if finite and not all(map(math.isfinite, numbers)):
+        fail(element, f"{owner}: <{element.tag}> has {attribute}={text!r}, it must be finite")

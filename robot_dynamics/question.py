@@ -1,0 +1,119 @@
+"""What is asked of a robot, checked once: shapes, names and numbers; and its conversion to what the recursions take."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.errors import QuestionError
+from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """The state of a moving base.
+
+    pose: (..., 4, 4) of frame 0 in the world; twist: (..., 6) [m/s, rad/s] and acceleration: (..., 6) [m/s², rad/s²]
+    of the origin of frame 0, linear then angular, expressed in frame 0; the acceleration true and classical.
+    acceleration None: only external wrenches act on the base, and its acceleration is part of the answer.
+    Left out, the pose is that of the world and the twist is zero.
+    """
+
+    pose: np.ndarray = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    twist: np.ndarray = (0, 0, 0, 0, 0, 0)
+    acceleration: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class BaseState:
+    """The base as the recursions take it, fixed or moving.
+
+    gravity: (..., 3) in frame 0; twist: (..., 6); acceleration: (..., 6) with gravity taken off, None if unknown.
+    """
+
+    gravity: np.ndarray
+    twist: np.ndarray
+    acceleration: np.ndarray | None
+
+    @property
+    def at_rest(self):
+        """(..., 6) acceleration, gravity taken off, of a base that does not accelerate."""
+        return _at_rest(self.gravity)
+
+    def true_acceleration(self, acceleration):
+        """(..., 6) with gravity restored."""
+        return acceleration - self.at_rest
+
+
+def finite(what, values, size, of_what):
+    """An array of floats (..., size), all finite. Raises QuestionError saying which is not."""
+    try:
+        array = np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        raise QuestionError(f"{what}: an array of numbers (..., {size}) is needed, not {_short(values)}") from None
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise QuestionError(f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {of_what}")
+    if not np.isfinite(array).all():
+        where = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
+        sample = f" at sample {', '.join(map(str, where[:-1]))}" if len(where) > 1 else ""
+        raise QuestionError(f"{what}[{where[-1]}]{sample} is {array[where]}: a finite number is needed")
+    return array
+
+
+def _short(values):
+    text = repr(values)
+    return text if len(text) < 80 else text[:77] + "..."
+
+
+def base_state(robot, base):
+    """The BaseState of a Base, or of a base that is fixed."""
+    if not robot.moving_base:
+        if base is not None:
+            raise QuestionError(f"the base of {robot.name!r} is fixed: it has no state to be given")
+        return BaseState(robot.gravity, np.zeros(6), _at_rest(robot.gravity))
+    if base is None:
+        raise QuestionError(f"the base of {robot.name!r} moves: give its pose and twist, base=Base(pose, twist)")
+    gravity = apply_transposed(_rotation(base.pose), robot.gravity)
+    twist = finite("twist of the base", base.twist, 6, "linear and angular components")
+    if base.acceleration is None:
+        return BaseState(gravity, twist, None)
+    acceleration = finite("acceleration of the base", base.acceleration, 6, "linear and angular components")
+    return BaseState(gravity, twist, acceleration + _at_rest(gravity))
+
+
+def _at_rest(gravity):
+    return np.concatenate([-gravity, np.zeros_like(gravity)], axis=-1)
+
+
+def _rotation(pose):
+    pose = finite("pose of the base", pose, 4, "columns")
+    if pose.ndim < 2 or pose.shape[-2] != 4:
+        raise QuestionError(f"pose of the base has shape {pose.shape}: homogeneous matrices (..., 4, 4) are needed")
+    R = pose[..., :3, :3]
+    if np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-6 or (np.linalg.det(R) < 0).any():
+        raise QuestionError("pose of the base: its upper left 3 × 3 block is not a rotation")
+    return R
+
+
+def link_wrenches(robot, external_wrenches):
+    """{link number: jf_e (..., 6)} of {frame name: (..., 6)}: the one place where the sign turns.
+
+    Users say what the environment does to a link, in its own link frame; Khalil's f_e is what the link does to the
+    environment, in frame j. Wrenches on frames of the same link add up.
+    """
+    converted = {}
+    for name, wrench in (external_wrenches or {}).items():
+        frame = robot.frame(name)
+        wrench = finite(f"external wrench on {name!r}", wrench, 6, "force and torque components")
+        R, P = frame.placement[:3, :3], frame.placement[:3, 3]
+        converted[frame.link] = converted.get(frame.link, 0) - wrench_to_antecedent(R, P, wrench)
+    return converted
+
+
+def common_batch(*arrays):
+    """The shape of the batch axes that arrays (..., m) share, None left out. Raises QuestionError where they differ."""
+    batches = [array.shape[:-1] for array in arrays if array is not None]
+    try:
+        return np.broadcast_shapes(*batches)
+    except ValueError:
+        told = " and ".join(map(str, sorted(set(batches) - {()})))
+        raise QuestionError(f"batches of {told} samples do not go together: give one sample or equally many") from None

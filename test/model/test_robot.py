@@ -1,0 +1,214 @@
+"""The robot as data: lumping, frames, inertias that cannot be, joints that depend on others, payloads."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from peers.random_robots import random_urdf
+
+from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, load_robot
+from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
+from robot_dynamics.model.urdf import read_urdf
+
+
+def arm(tip="", joint="", between=""):
+    return f"""<robot name="arm">
+      <link name="base"/>
+      <link name="upper"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>
+        <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+      <link name="tip">{tip}</link>
+      <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>{joint}
+        <limit lower="-1" upper="2" effort="30" velocity="4"/></joint>
+      <joint name="weld" type="fixed"><origin xyz="0.4 0 0" rpy="0 0 1.2"/><parent link="upper"/><child link="tip"/></joint>
+      {between}</robot>"""
+
+
+def inertial(mass, ixx, iyy, izz):
+    entries = f'ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"'
+    return f'<inertial><mass value="{mass}"/><inertia {entries}/></inertial>'
+
+
+def random_inertia(rng):
+    points, masses = rng.normal(size=(6, 3)), rng.uniform(0.1, 2, 6)
+    return points, masses, point_masses(points, masses)
+
+
+def point_masses(points, masses):
+    """Inertia of point masses, from its definition."""
+    second = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
+    return Inertia(masses.sum(), masses @ points, second)
+
+
+def test_inertia_seen_from_another_frame_is_that_of_the_moved_points():
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        points, masses, body = random_inertia(rng)
+        frame = placement(rotation_with_z_along(rng.normal(size=3)), rng.normal(size=3))
+        moved = point_masses(points @ frame[:3, :3].T + frame[:3, 3], masses)
+        seen = body.seen_from(frame)
+        assert seen.mass == pytest.approx(moved.mass)
+        np.testing.assert_allclose(seen.first_moments, moved.first_moments, atol=1e-12)
+        np.testing.assert_allclose(seen.second_moments, moved.second_moments, atol=1e-11)
+        assert body.objections() == [] and seen.objections() == []
+
+
+def test_spatial_inertia_gives_the_kinetic_energy_of_the_points():
+    points, masses, body = random_inertia(np.random.default_rng(1))
+    twist = np.array([0.3, -1, 0.5, 0.7, 0.2, -0.4])
+    velocities = twist[:3] + np.cross(twist[3:], points)
+    energy = 0.5 * (masses * (velocities**2).sum(axis=1)).sum()
+    assert 0.5 * twist @ body.spatial @ twist == pytest.approx(energy)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, -2, 0), (0, 0, -1), (0, 0, 3)])
+def test_frames_along_axes_of_the_description_have_entries_zero_and_one_only(axis):
+    rotation = rotation_with_z_along(axis)
+    assert set(np.unique(np.abs(rotation))) == {0.0, 1.0}
+    np.testing.assert_array_equal(rotation[:, 2], np.array(axis) / np.linalg.norm(axis))
+    assert np.linalg.det(rotation) == pytest.approx(1)
+
+
+def test_fixed_link_is_lumped_and_stays_known_as_a_frame():
+    robot = read_urdf(arm(tip=inertial(0.5, 1e-3, 1e-3, 1e-3)))
+    assert [link.name for link in robot.links] == ["base", "upper"]
+    assert {frame.name for frame in robot.frames} == {"base", "upper", "tip"}
+    assert robot.links[1].inertia.mass == 2.5
+    # the joint turns about y: both masses by parallel axes
+    assert Dynamics(robot).inertia_matrix([0.0])[0, 0] == pytest.approx(0.02 + 2 * 0.2**2 + 1e-3 + 0.5 * 0.4**2)
+
+
+def test_limits_and_friction_are_read():
+    robot = read_urdf(arm(joint='<dynamics damping="0.5" friction="0.2"/>'))
+    (joint,) = robot.joints
+    assert (joint.limits.lower, joint.limits.upper, joint.limits.velocity, joint.limits.effort) == (-1, 2, 4, 30)
+    np.testing.assert_allclose(Dynamics(robot).friction([[2.0], [-2.0], [0.0]]), [[1.2], [-1.2], [0.0]])
+
+
+def test_joint_without_limits_and_continuous_joint_are_unbounded():
+    text = arm().replace('<limit lower="-1" upper="2" effort="30" velocity="4"/>', "")
+    assert read_urdf(text).joints[0].limits.upper == np.inf
+    assert read_urdf(arm().replace("revolute", "continuous")).joints[0].limits.upper == np.inf
+
+
+def test_root_that_floats_makes_the_base_move_unless_told_otherwise():
+    text = """<robot name="free"><link name="world"/><link name="body">%s</link>
+      <joint name="root" type="floating"><parent link="world"/><child link="body"/></joint></robot>""" % inertial(
+        3, 1, 1, 1
+    )
+    robot = read_urdf(text)
+    assert robot.moving_base and robot.base_link == "body" and robot.joints == ()
+    assert robot.links[0].inertia.mass == 3
+    assert not read_urdf(text, moving_base=False).moving_base
+    assert read_urdf(arm(), moving_base=True).moving_base
+
+
+def test_base_inertia_counts_only_where_the_base_moves():
+    text = arm().replace('<link name="base"/>', f'<link name="base">{inertial(7, -1, 1, 1)}</link>')
+    fixed, moving = read_urdf(text), read_urdf(text, moving_base=True)
+    assert fixed.links[0].inertia.mass == moving.links[0].inertia.mass == 7
+    assert fixed.warnings == ()
+    assert "base" in moving.warnings[0] and "positive definite" in moving.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("moments", "objection"), [((1, 1, 3), "triangle"), ((-0.5, 1, 1), "positive definite"), ((1, 1, 1.5), None)]
+)
+def test_impossible_inertia_is_warned_of_by_link_and_refused_when_strict(moments, objection, caplog):
+    text = arm().replace('ixx="0.01"', f'ixx="{moments[0]}"').replace('iyy="0.02"', f'iyy="{moments[1]}"')
+    text = text.replace('izz="0.02"', f'izz="{moments[2]}"')
+    robot = load_robot(text)
+    if objection is None:
+        assert robot.warnings == () and not caplog.records
+        load_robot(text, strict=True)
+    else:
+        assert "'upper'" in caplog.text and objection in caplog.text
+        with pytest.raises(DescriptionError, match=f"'upper'.*{objection}"):
+            load_robot(text, strict=True)
+
+
+def test_impossible_fixed_link_is_no_objection_where_the_whole_body_is_possible():
+    assert read_urdf(arm(tip=inertial(0.1, 0, 0, 1e-3))).warnings == ()
+
+
+def test_link_that_moves_without_mass_is_warned_of():
+    text = arm().replace('<mass value="2"/>', '<mass value="0"/>')
+    text = text.replace('ixx="0.01"', 'ixx="0"').replace('iyy="0.02"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
+    assert any("shoulder" in warning and "no mass" in warning for warning in read_urdf(text).warnings)
+
+
+def mimicking(multiplier, offset, of="shoulder"):
+    return f"""<link name="finger">{inertial(1, 1, 1, 1)}</link>
+      <joint name="follower" type="revolute"><parent link="tip"/><child link="finger"/><axis xyz="0 0 1"/>
+        <mimic joint="{of}" multiplier="{multiplier}" offset="{offset}"/></joint>"""
+
+
+def test_mimic_joint_is_no_coordinate_of_its_own():
+    dynamics = Dynamics(read_urdf(arm(between=mimicking(-2, 0.5))))
+    assert dynamics.joint_names == ("shoulder",) and dynamics.all_joint_names == ("shoulder", "follower")
+    np.testing.assert_allclose(dynamics.expand(np.array([0.3])), [0.3, -0.1])
+    np.testing.assert_allclose(dynamics.expand_rates(np.array([0.3])), [0.3, -0.6])
+    np.testing.assert_allclose(dynamics.gather_efforts(np.array([1.0, 2.0])), [-3.0])
+
+
+def test_mimic_of_a_mimic_is_followed_to_its_leader():
+    chain = mimicking(-2, 0.5) + mimicking(3, 1, of="follower").replace('"follower"', '"last"', 1).replace(
+        '"finger"', '"claw"'
+    ).replace('joint="last"', 'joint="follower"')
+    dynamics = Dynamics(read_urdf(arm(between=chain)))
+    np.testing.assert_allclose(dynamics.expand(np.array([0.3])), [0.3, -0.1, 0.7])
+
+
+@pytest.mark.parametrize(("of", "reason"), [("shoudler", "did you mean 'shoulder'"), ("follower", "mimics itself")])
+def test_mimic_without_a_leader_is_refused(of, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        read_urdf(arm(between=mimicking(1, 0, of=of)))
+
+
+def test_payload_is_the_same_as_a_link_welded_there():
+    payload = Inertia(0.5, [0.05, 0.0, 0.02], np.diag([0.01, 0.02, 0.02]))
+    loaded = read_urdf(arm()).with_payload("tip", payload)
+    central = Inertia(0.5, np.zeros(3), payload.second_moments)
+    com = payload.first_moments / 0.5
+    central = payload.second_moments - 0.5 * (com @ com * np.eye(3) - np.outer(com, com))
+    entries = " ".join(
+        f'{name}="{central[index]!r}"'.replace("np.float64(", "").replace(")", "")
+        for name, index in {
+            "ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)
+        }.items()
+    )  # fmt: skip
+    welded = read_urdf(
+        arm(tip=f'<inertial><origin xyz="{com[0]} 0 {com[2]}"/><mass value="0.5"/><inertia {entries}/></inertial>')
+    )
+    np.testing.assert_allclose(loaded.links[1].inertia.spatial, welded.links[1].inertia.spatial, atol=1e-14)
+    assert read_urdf(arm()).links[1].inertia.mass == 2  # the robot itself is as it was
+
+
+@pytest.mark.parametrize(
+    ("link", "payload", "reason"),
+    [
+        ("tipp", Inertia(1.0), "did you mean 'tip'"),
+        ("tip", Inertia(-1.0), "mass -1"),
+        ("tip", Inertia(np.nan), "finite"),
+        ("tip", Inertia(1.0, [np.inf, 0, 0]), "finite"),
+    ],
+)
+def test_impossible_payload_is_refused(link, payload, reason):
+    with pytest.raises(QuestionError, match=reason):
+        read_urdf(arm()).with_payload(link, payload)
+
+
+def test_robot_put_together_wrongly_is_refused():
+    robot = read_urdf(random_urdf(4, joints=5))
+    with pytest.raises(DescriptionError, match="one link more"):
+        replace(robot, links=robot.links[:-1])
+    with pytest.raises(DescriptionError, match="comes after"):
+        replace(robot, joints=(replace(robot.joints[0], antecedent=3), *robot.joints[1:]))
+    with pytest.raises(DescriptionError, match="more than once"):
+        replace(robot, joints=(*robot.joints[:-1], replace(robot.joints[-1], name=robot.joints[0].name)))
+    with pytest.raises(DescriptionError, match="gravity"):
+        replace(robot, gravity=(0, 0, np.nan))
+
+
+def test_inverse_placement():
+    frame = placement(rotation_with_z_along([1, 2, 3]), [4, 5, 6])
+    np.testing.assert_allclose(frame @ inverse(frame), np.eye(4), atol=1e-15)

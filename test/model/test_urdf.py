@@ -1,0 +1,177 @@
+"""URDF that is wrong is refused by the project's own error, which says what, where, and what would be right."""
+
+import time
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from peers.real_robots import real_urdf
+
+from robot_dynamics import DescriptionError, RobotDynamicsError, load_robot
+from robot_dynamics.model.urdf import read_urdf
+from robot_dynamics.model.urdf_document import LARGEST_DESCRIPTION
+
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+JOINT = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
+GOOD = f'<robot name="r">\n<link name="a"/>\n<link name="b">{INERTIAL}</link>\n{JOINT}\n</robot>'
+
+
+def changed(old, new):
+    assert old in GOOD
+    return GOOD.replace(old, new)
+
+
+def test_the_description_that_the_bad_ones_are_made_from_is_good():
+    assert [joint.name for joint in read_urdf(GOOD).joints] == ["j"]
+
+
+BAD = {
+    "malformed": (GOOD[:-5], "not well-formed"),
+    "crossed tags": (changed("</link>", "</lnik>"), "not well-formed"),
+    "empty": ("", "empty"),
+    "blank": (" \n\t ", "empty"),
+    "not a robot": ("<sdf/>", "root element is <sdf>"),
+    "doctype": ("<!DOCTYPE robot>" + GOOD, "line 1: a DOCTYPE"),
+    "doctype in lower case": ("<?xml version='1.0'?>\n<!doctype robot>" + GOOD, "line 2: a DOCTYPE"),
+    "entity bomb": ('<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + changed("r", "&b;"), "DOCTYPE"),
+    "external entity": ('<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]>' + GOOD, "DOCTYPE"),
+    "external include": (
+        changed(
+            "</robot>", '<i:include xmlns:i="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'
+        ),
+        "line 5: an XInclude",
+    ),
+    "undeclared entity": (changed('name="a"', 'name="&a;"'), "not well-formed"),
+    "xacro": (
+        '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:property name="x" value="1"/></robot>',
+        "line 2: <xacro:property> is xacro",
+    ),
+    "no link": ('<robot name="r"/>', "no <link>"),
+    "link without name": (changed('<link name="a"/>', "<link/>"), "line 2: this <link> has no name"),
+    "two links of a name": (changed('<link name="b">', '<link name="a">'), "'a' is there already, at line 2"),
+    "two joints of a name": (changed(JOINT, JOINT + JOINT), "joint 'j' is there already"),
+    "unknown joint type": (changed("revolute", "revolut"), "line 4: joint 'j' has type 'revolut': known are"),
+    "planar joint": (changed("revolute", "planar"), "'planar': known are"),
+    "no joint type": (changed(' type="revolute"', ""), "type None"),
+    "floating inside": (
+        changed(JOINT, JOINT + '<link name="c"/><joint name="k" type="floating"><parent link="b"/><child link="c"/></joint>'),
+        "'k' is floating inside",
+    ),
+    "no parent": (changed('<parent link="a"/>', ""), "no <parent"),
+    "unknown parent": (changed('parent link="a"', 'parent link="aa"'), "unknown link 'aa': did you mean 'a'"),
+    "unknown child": (changed('child link="b"', 'child link="x"'), "unknown link 'x'"),
+    "self-parent": (changed('child link="b"', 'child link="a"'), "roots|cycle"),
+    "cycle": (
+        changed(JOINT, JOINT + '<joint name="k" type="fixed"><parent link="b"/><child link="a"/></joint>'),
+        "cycle",
+    ),
+    "cycle beside a tree": (
+        changed(
+            JOINT,
+            JOINT + '<link name="c"/><link name="d"/>'
+            '<joint name="k" type="fixed"><parent link="c"/><child link="d"/></joint>'
+            '<joint name="l" type="fixed"><parent link="d"/><child link="c"/></joint>',
+        ),
+        "'c', 'd' form a cycle",
+    ),
+    "two roots": (changed(JOINT, ""), "'a' and 'b' are all roots"),
+    "two parents": (
+        changed(JOINT, JOINT + '<link name="c"/>' + JOINT.replace('"j"', '"k"').replace('"a"', '"c"')),
+        "child of joint 'j' and of joint 'k'",
+    ),
+    "missing inertia": (changed('<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>', ""), "'b' .*<inertia>"),
+    "missing moment": (changed('iyy="1" ', ""), "link 'b': <inertia> lacks iyy"),
+    "missing mass": (changed('<mass value="1"/>', ""), "link 'b' has an <inertial> without <mass>"),
+    "mass without value": (changed('<mass value="1"/>', "<mass/>"), "link 'b': <mass> lacks value"),
+    "two inertials": (changed(INERTIAL, INERTIAL * 2), "link 'b' has a second <inertial>"),
+    "negative mass": (changed('mass value="1"', 'mass value="-1"'), "link 'b': mass -1 kg is negative"),
+    "mass is NaN": (changed('mass value="1"', 'mass value="nan"'), "link 'b': <mass> has value='nan'"),
+    "moment is infinite": (changed('ixx="1"', 'ixx="inf"'), "link 'b': <inertia> has ixx='inf'"),
+    "word for a number": (changed('ixx="1"', 'ixx="one"'), "ixx='one', a number is needed"),
+    "underscored number": (changed('ixx="1"', 'ixx="1_0"'), "ixx='1_0'"),
+    "axis of two numbers": (changed('xyz="0 0 1"', 'xyz="0 1"'), "line 4: joint 'j': <axis> has xyz='0 1', 3 numbers"),
+    "axis without direction": (changed('xyz="0 0 1"', 'xyz="0 0 0"'), "joint 'j': axis '0 0 0' has no direction"),
+    "axis is NaN": (changed('xyz="0 0 1"', 'xyz="0 nan 1"'), "joint 'j': <axis>"),
+    "origin of a joint": (changed("<axis", '<origin rpy="0 0"/><axis'), "joint 'j': <origin> has rpy='0 0'"),
+    "negative damping": (changed("<axis", '<dynamics damping="-1"/><axis'), "damping -1 is negative"),
+    "limit is NaN": (changed("<axis", '<limit lower="nan"/><axis'), "<limit> has lower='nan'"),
+    "mimic without joint": (changed("<axis", "<mimic/><axis"), "<mimic> does not say which joint"),
+    "deep": ("<robot name='r'>" + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "not well-formed"),
+    "null character": (changed('name="a"', 'name="\0"'), "not well-formed"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_description_is_refused_with_a_reason(case):
+    text, reason = BAD[case]
+    with pytest.raises(DescriptionError, match=reason):
+        read_urdf(text)
+
+
+def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
+    text = GOOD + " " * 100_000_000
+    path = tmp_path / "large.urdf"
+    path.write_text(text)
+    started = time.perf_counter()
+    for description in (text, text.encode(), path, str(path)):
+        with pytest.raises(DescriptionError, match=str(LARGEST_DESCRIPTION)):
+            load_robot(description)
+    assert time.perf_counter() - started < 5  # a parser would take far longer: this is no measure of speed
+
+
+@pytest.mark.parametrize(
+    ("description", "reason"),
+    [
+        ("/no/such/file.urdf", "cannot be read as a file"),
+        ("", "empty"),
+        ("nobody", "no robot of that name ships"),
+        (b"", "empty"),
+        (b"\xff\xfe\x00", "cannot be decoded|not well-formed"),
+        (b'<?xml version="1.0" encoding="klingon"?>' + GOOD.encode(), "klingon"),
+    ],
+)
+def test_description_that_cannot_be_found_or_decoded_is_refused(description, reason):
+    with pytest.raises(DescriptionError, match=reason):
+        load_robot(description)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1"])
+def test_encodings_that_a_file_declares_are_read(encoding, tmp_path):
+    declared = {"utf-16": "utf-16", "iso-8859-1": "iso-8859-1"}.get(encoding, "utf-8")
+    path = tmp_path / "robot.urdf"
+    path.write_bytes((f'<?xml version="1.0" encoding="{declared}"?>' + changed('"b"', '"bä"')).encode(encoding))
+    assert load_robot(path).links[1].name == "bä"
+
+
+def test_doctype_does_not_hide_in_another_encoding(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_bytes(('<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]>' + GOOD).encode("utf-16"))
+    with pytest.raises(DescriptionError, match="DOCTYPE"):
+        load_robot(path)
+
+
+def test_meshes_and_colours_are_never_looked_at():
+    drawn = (
+        '<visual><geometry><mesh filename="package://nowhere/none.stl" scale="x"/></geometry></visual>'
+        '<collision><geometry><sphere radius="many"/></geometry></collision></link>'
+    )
+    assert len(read_urdf(changed("</link>", drawn)).joints) == 1
+
+
+@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.data())
+def test_no_text_raises_anything_but_the_projects_own_error(data):
+    """Real descriptions with pieces cut out, doubled, swapped or replaced."""
+    text = data.draw(st.sampled_from([GOOD, real_urdf("ur5")[:6000] + "</robot>", real_urdf("kinova")]))
+    for _ in range(data.draw(st.integers(1, 4))):
+        start = data.draw(st.integers(0, len(text)))
+        end = min(len(text), start + data.draw(st.integers(0, 30)))
+        piece = data.draw(
+            st.sampled_from(["", "nan", "-1", "1e999", "<", "/>", '"', "&amp;", "\0", "0 0", "fixed", text[start:end] * 2])
+            | st.text(max_size=5)
+        )
+        text = text[:start] + piece + text[end:]
+    try:
+        read_urdf(text)
+    except RobotDynamicsError:
+        pass
