@@ -1,8 +1,9 @@
 """The one door to the dynamics of a robot: `Dynamics(robot)`. What numbers mean is the same here and on every topic.
 
-Joint vectors are (..., n) in the order of `joint_names`, one sample (n,) or any batch (N, n). SI units. Efforts are what
-the actuators deliver at the joints. External wrenches are what the environment does to a link, [force; torque] in the
-link's own frame at its origin. Accelerations are true (gravity is not taken off) and classical, of the frame's origin.
+Joint vectors are (..., n) in the order of `joint_names`, one sample (n,) or any batch (N, n). SI units. Efforts are
+what the actuators deliver at the joints. External wrenches are what the environment does to a link, [force; torque] in
+the link's own frame at its origin. Accelerations are true (gravity is not taken off) and classical, of the frame's
+origin.
 """
 
 from dataclasses import dataclass
@@ -45,7 +46,8 @@ class Dynamics:
     """Inverse and direct dynamics of a robot, for one sample or a batch.
 
     joint_names: the joints of the vectors, in their order. Joints that depend on others (mimic joints) are not among
-    them; all_joint_names has these too, and `expand`, `expand_rates` and `gather_efforts` go from one set to the other.
+    them; all_joint_names has these too. `expand`, `expand_rates`, `gather_efforts` and `spread_efforts` go from one
+    set to the other.
 
     Arguments are q, qd, qdd, efforts: (..., n); base: a Base, for a robot with a moving base and for no other;
     external_wrenches: {link name: (..., 6)}. Every method raises QuestionError for an argument that does not fit.
@@ -53,9 +55,9 @@ class Dynamics:
 
     def __init__(self, robot):
         self.robot = robot
-        self._S, self._offset, independent = coupling(robot)
+        self._S, self._offset, self._independent = coupling(robot)
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
-        self.joint_names = tuple(self.all_joint_names[number] for number in independent)
+        self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
 
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity and friction, less the external wrenches.
@@ -103,7 +105,7 @@ class Dynamics:
         return projection.T @ A @ projection
 
     def gravity(self, q, *, base=None):
-        """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n), the base first."""
+        """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
         state = self._state(q, np.zeros(len(self.joint_names)), base)
         return self._bias(state, np.zeros(6), state.base.at_rest)
 
@@ -135,6 +137,12 @@ class Dynamics:
     def gather_efforts(self, efforts):
         """What efforts (..., all joints) amount to on the independent joints (..., n)."""
         return efforts @ self._S
+
+    def spread_efforts(self, efforts):
+        """Efforts (..., all joints) that amount to `efforts` (..., n): nothing on joints that depend on others."""
+        spread = np.zeros((*efforts.shape[:-1], len(self.all_joint_names)))
+        spread[..., self._independent] = efforts
+        return spread
 
     def _joints(self, what, values):
         return finite(what, values, len(self.joint_names), f"joints ({', '.join(self.joint_names)})")
@@ -188,7 +196,7 @@ class Dynamics:
         folded = found.folded
         for j in range(len(self.robot.joints), 0, -1):
             if folded.resistances[j] is not None:
-                largest = np.diagonal(folded.inertias[j], axis1=-2, axis2=-1).max(axis=-1)
+                largest = np.diagonal(folded.inertias[j], axis1=-2, axis2=-1).max(axis=-1, keepdims=True)
                 _refuse_singular(folded.resistances[j], largest, f"joint {self.robot.joints[j - 1].name!r}")
         for k, pivot in enumerate(found.base_pivots):
             _refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
@@ -226,8 +234,8 @@ class _State:
 
 
 def _columns(array):
-    """The columns of (..., n) as a list of n."""
-    return list(np.moveaxis(array, -1, 0))
+    """The columns (..., 1) of (..., n) as a list of n."""
+    return np.split(array, array.shape[-1], axis=-1) if array.shape[-1] else []
 
 
 def _filled(array, batch, axes=1):

@@ -51,7 +51,9 @@ def finite(what, values, size, of_what):
     except (TypeError, ValueError):
         raise QuestionError(f"{what}: an array of numbers (..., {size}) is needed, not {_short(values)}") from None
     if array.ndim == 0 or array.shape[-1] != size:
-        raise QuestionError(f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {of_what}")
+        raise QuestionError(
+            f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {of_what}"
+        )
     if not np.isfinite(array).all():
         where = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
         sample = f" at sample {', '.join(map(str, where[:-1]))}" if len(where) > 1 else ""

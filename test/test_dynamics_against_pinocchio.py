@@ -1,5 +1,6 @@
-"""Inverse and direct model, A, gravity, Coriolis and base acceleration agree with Pinocchio to 1e-9 (relative, max-norm),
-on real robots and on random trees, base fixed and moving, with wrenches on random links and with rotor inertia."""
+"""Inverse and direct model, A, gravity, Coriolis and base acceleration agree with Pinocchio to 1e-9 (relative,
+max-norm), on real robots and on random trees, base fixed and moving, with wrenches on random links and with rotor
+inertia."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -62,7 +63,12 @@ def check_against_pinocchio(urdf, moving_base, seed, rotor_inertias=None):
     direct = dynamics.solve(states.q, states.qd, efforts=efforts, **question)
 
     for k in range(STATES):
-        q, qd, (pose, twist), wrenches = S @ states.q[k] + offset, S @ states.qd[k], states.base_of(k), states.wrenches_of(k)
+        q, qd, (pose, twist), wrenches = (
+            S @ states.q[k] + offset,
+            S @ states.qd[k],
+            states.base_of(k),
+            states.wrenches_of(k),
+        )
         expected = SimpleNamespace(
             A=T.T @ peer.inertia_matrix(q) @ T,
             H=T.T @ peer.bias(q, qd, pose, twist, wrenches),

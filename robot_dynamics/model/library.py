@@ -22,8 +22,8 @@ def load_robot(description, *, moving_base=None, gravity=EARTH, strict=False):
     """
     text, source = find_description(description)
     robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
-    if strict and robot.warnings:
-        raise DescriptionError(f"{source}: {'; '.join(robot.warnings)}")
+    if strict:
+        robot.refuse_doubtful()
     for warning in robot.warnings:
         logger.warning("%s: %s", source, warning)
     return robot
@@ -39,7 +39,9 @@ def find_description(description):
     path = shipped.get(str(description), Path(description))
     try:
         if path.stat().st_size > LARGEST_DESCRIPTION:
-            raise DescriptionError(f"{path} has {path.stat().st_size} bytes: a description has {LARGEST_DESCRIPTION} at most")
+            raise DescriptionError(
+                f"{path} has {path.stat().st_size} bytes: a description has {LARGEST_DESCRIPTION} at most"
+            )
         return path.read_bytes(), str(path)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

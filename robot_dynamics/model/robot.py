@@ -17,7 +17,7 @@ EARTH = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class Limits:
-    """What a joint may do: positions [rad or m], velocity [rad/s or m/s] and effort [N m or N], infinite if not said."""
+    """What a joint may do: positions [rad or m], velocity [rad/s or m/s], effort [N m or N]; infinite if not said."""
 
     lower: float = -np.inf
     upper: float = np.inf
@@ -148,9 +148,8 @@ class Robot:
         while (mimic := self.joints[number].mimic) is not None:
             passed.add(number)
             if mimic.joint not in self.joint_numbers:
-                raise DescriptionError(
-                    f"joint {self.joints[number].name!r} mimics {unknown_name('moving joint', mimic.joint, self.joint_numbers)}"
-                )
+                leader = unknown_name("moving joint", mimic.joint, self.joint_numbers)
+                raise DescriptionError(f"joint {self.joints[number].name!r} mimics {leader}")
             multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
             number = self.joint_numbers[mimic.joint]
             if number in passed:
@@ -174,6 +173,11 @@ class Robot:
                 moved = f"joint {self.joints[number - 1].name!r} moves" if number else "the moving base carries"
                 found.append(f"link {link.name!r}: {moved} no mass at all, so the direct model has no answer")
         return tuple(found)
+
+    def refuse_doubtful(self):
+        """Raise DescriptionError where there are `warnings`."""
+        if self.warnings:
+            raise DescriptionError(f"robot {self.name!r}: {'; '.join(self.warnings)}")
 
     def with_payload(self, name, inertia):
         """The same robot with an Inertia more, given in the link frame `name` and about its origin.

@@ -23,8 +23,11 @@ def read_urdf(text, *, source="URDF", moving_base=None, gravity=EARTH):
     """
     root = parse_urdf_text(text, source)
     check_urdf(root, source)
-    # yourdfpy gets what the checks saw, and nothing to draw
-    document = yourdfpy.URDF.load(io.BytesIO(etree.tostring(root)), build_scene_graph=False, load_meshes=False)
+    checked = io.BytesIO(etree.tostring(root))  # yourdfpy gets what the checks saw, and nothing to draw
+    try:
+        document = yourdfpy.URDF.load(checked, build_scene_graph=False, load_meshes=False)
+    except Exception as error:  # what the checks let pass and yourdfpy cannot read is still the text's fault
+        raise DescriptionError(f"{source} cannot be read: {error}") from error
     return _Builder(document.robot, source).build(moving_base, gravity)
 
 

@@ -1,7 +1,7 @@
 """From the text of a URDF to an XML tree that is safe to interpret.
 
-yourdfpy forgives: it repairs broken XML, gives a missing moment of inertia the value 1 and takes any joint type. What it
-would forgive is refused here, with the line, before it is asked.
+yourdfpy forgives: it repairs broken XML, gives a missing moment of inertia the value 1 and takes any joint type. What
+it would forgive is refused here, with the line, before it is asked.
 """
 
 import math

@@ -1,14 +1,15 @@
 """The inverse dynamic model in two sweeps: the cheap way where every acceleration is known, the base's too."""
 
-from robot_dynamics.newton_euler.kinematics import along_axis, axis_row
-from robot_dynamics.newton_euler.recursion import stack
+from robot_dynamics.newton_euler.kinematics import along, along_axis
+from robot_dynamics.newton_euler.recursion import join, pile
 from robot_dynamics.newton_euler.screw import apply, twist_to_successor, wrench_to_antecedent
 
 
 def inverse_dynamics(robot, sweep, qdd, base_acceleration):
     """Joint forces and link wrenches of a motion.
 
-    sweep: what `sweep_forward` left; qdd: (..., n) [rad/s² or m/s²]; base_acceleration: 0V̇0 (..., 6), gravity taken off.
+    sweep: what `sweep_forward` left; qdd: (..., n) [rad/s² or m/s²]; base_acceleration: 0V̇0 (..., 6), gravity taken
+    off.
 
     Returns (forces, wrenches): (..., n) [N m or N], friction not counted; (..., n + 1, 6), what the antecedent exerts
     on link j, in frame j at its origin, and in the first row what the ground exerts on the base.
@@ -20,13 +21,13 @@ def inverse_dynamics(robot, sweep, qdd, base_acceleration):
     for j, joint in enumerate(robot.joints, start=1):
         R, P = sweep.rotations[j], sweep.positions[j]
         V_dot = twist_to_successor(R, P, accelerations[joint.antecedent]) + sweep.gammas[j]
-        V_dot = V_dot + along_axis(joint, qdd[..., j - 1])
+        V_dot = V_dot + along_axis(joint, qdd[..., j - 1 : j])
         accelerations.append(V_dot)
         wrenches.append(apply(robot.links[j].inertia.spatial, V_dot) - sweep.betas[j])
     forces = [None] * len(robot.joints)
     for j in range(len(robot.joints), 0, -1):
         joint = robot.joints[j - 1]
-        forces[j - 1] = wrenches[j][..., axis_row(joint)] + joint.rotor_inertia * qdd[..., j - 1]
+        forces[j - 1] = along(joint, wrenches[j]) + joint.rotor_inertia * qdd[..., j - 1 : j]
         i = joint.antecedent
         wrenches[i] = wrenches[i] + wrench_to_antecedent(sweep.rotations[j], sweep.positions[j], wrenches[j])
-    return stack(forces), stack(wrenches, axis=-2)
+    return join(forces), pile(wrenches)

@@ -1,4 +1,4 @@
-"""The first forward sweep: placements, velocities, and the parts of accelerations and wrenches that no unknown enters."""
+"""The first forward sweep: placements, velocities, and what of accelerations and wrenches no unknown enters."""
 
 from typing import NamedTuple
 
@@ -23,12 +23,11 @@ class Sweep(NamedTuple):
 
 
 def place(joint, position):
-    """iRj (..., 3, 3) and iPj (..., 3) of a joint's frame in its antecedent's, for joint positions (...).
+    """iRj (..., 3, 3) and iPj (..., 3) of a joint's frame in its antecedent's, for joint positions (..., 1).
 
     iTj(q) = iTj(0) Rot(z, q) for a revolute joint, iTj(0) Trans(z, q) for a prismatic one.
     """
     R, P = joint.placement[:3, :3], joint.placement[:3, 3]
-    position = np.asarray(position)[..., None]
     if joint.prismatic:
         return R, P + position * R[:, 2]
     cosine, sine = np.cos(position), np.sin(position)
@@ -57,10 +56,10 @@ def sweep_forward(robot, q, qd, base_twist, external_wrenches):
     """
     sweep = Sweep([None], [None], [base_twist], [None], [_beta(robot, 0, base_twist, external_wrenches)])
     for j, joint in enumerate(robot.joints, start=1):
-        R, P = place(joint, q[..., j - 1])
+        R, P = place(joint, q[..., j - 1 : j])
         V_i = sweep.velocities[joint.antecedent]
         V = twist_to_successor(R, P, V_i)  # jTi iVi, to which q̇ ja is added below
-        rate = qd[..., j - 1, None]
+        rate = qd[..., j - 1 : j]
         omega_i = V_i[..., 3:]
         centripetal = apply_transposed(R, cross(omega_i, cross(omega_i, P)))
         # jωi × q̇ z, where z = (0, 0, 1)
@@ -69,7 +68,7 @@ def sweep_forward(robot, q, qd, base_twist, external_wrenches):
             gamma = screw(centripetal + 2 * turning, np.zeros(3))
         else:
             gamma = screw(centripetal, turning)
-        V = V + along_axis(joint, qd[..., j - 1])
+        V = V + along_axis(joint, rate)
         sweep.rotations.append(R)
         sweep.positions.append(P)
         sweep.velocities.append(V)
@@ -89,18 +88,24 @@ def axis_row(joint):
     return 2 if joint.prismatic else 5
 
 
+def along(joint, screws):
+    """ja_jᵀ times screws (..., 6): their component (..., 1) along the axis of the joint."""
+    row = axis_row(joint)
+    return screws[..., row : row + 1]
+
+
 def along_axis(joint, value):
-    """ja_j times a value (...): a screw (..., 6) along the axis of the joint."""
+    """ja_j times a value (..., 1): a screw (..., 6) along the axis of the joint."""
     unit = np.zeros(6, int)
     unit[axis_row(joint)] = 1
-    return unit * np.asarray(value)[..., None]
+    return unit * value
 
 
 def link_placements(robot, q):
     """0Rj (..., 3, 3) and 0Pj (..., 3) of every link frame in frame 0, a list of pairs indexed by link number."""
     placements = [(np.eye(3), np.zeros(3))]
     for j, joint in enumerate(robot.joints, start=1):
-        R, P = place(joint, q[..., j - 1])
+        R, P = place(joint, q[..., j - 1 : j])
         R_i, P_i = placements[joint.antecedent]
         placements.append((R_i @ R, P_i + apply(R_i, P)))
     return placements

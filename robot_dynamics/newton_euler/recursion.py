@@ -12,8 +12,14 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_dynamics.newton_euler import linear
-from robot_dynamics.newton_euler.kinematics import along_axis, axis_row
-from robot_dynamics.newton_euler.screw import apply, dot, inertia_to_antecedent, twist_to_successor, wrench_to_antecedent
+from robot_dynamics.newton_euler.kinematics import along, along_axis, axis_row
+from robot_dynamics.newton_euler.screw import (
+    apply,
+    dot,
+    inertia_to_antecedent,
+    twist_to_successor,
+    wrench_to_antecedent,
+)
 
 
 class Solution(NamedTuple):
@@ -37,7 +43,7 @@ class Solution(NamedTuple):
 def solve(robot, sweep, accelerations, forces, base_acceleration=None):
     """Second (backward) and third (forward) sweep.
 
-    sweep: what `sweep_forward` left. accelerations, forces: for each joint one of the two (...), the other None;
+    sweep: what `sweep_forward` left. accelerations, forces: for each joint one of the two (..., 1), the other None;
     forces are those of the actuators less friction. base_acceleration: 0V̇0 (..., 6), gravity taken off, or None where
     no ground holds the base.
     """
@@ -53,7 +59,7 @@ def solve(robot, sweep, accelerations, forces, base_acceleration=None):
 
 class Folded(NamedTuple):
     """What the backward sweep leaves for each link: jJ*j (..., 6, 6) and jβ*j (..., 6); and, for the joints whose force
-    is given, U = jJ*j ja_j (..., 6) and H_j (...), else None."""
+    is given, U = jJ*j ja_j (..., 6) and H_j (..., 1), else None."""
 
     inertias: list
     betas: list
@@ -71,17 +77,16 @@ def fold_backward(robot, sweep, accelerations, forces, base_is_free):
     )
     for j in range(len(robot.joints), 0, -1):
         joint = robot.joints[j - 1]
-        i, row = joint.antecedent, axis_row(joint)
+        i = joint.antecedent
         J, beta, gamma = folded.inertias[j], folded.betas[j], sweep.gammas[j]
         if forces[j - 1] is None:
             K = J
-            alpha = apply(J, gamma) + J[..., row] * accelerations[j - 1][..., None] - beta
+            alpha = apply(J, gamma + along_axis(joint, accelerations[j - 1])) - beta
         else:
-            U = J[..., row]
-            H = U[..., row] + joint.rotor_inertia  # eq. 36
-            K = J - U[..., :, None] * (U / H[..., None])[..., None, :]  # eq. 37
-            push = (forces[j - 1] + beta[..., row]) / H
-            alpha = apply(K, gamma) + U * push[..., None] - beta  # eq. 38
+            U = J[..., axis_row(joint)]
+            H = along(joint, U) + joint.rotor_inertia  # eq. 36
+            K = J - U[..., :, None] * (U / H)[..., None, :]  # eq. 37
+            alpha = apply(K, gamma) + U * ((forces[j - 1] + along(joint, beta)) / H) - beta  # eq. 38
             folded.columns[j], folded.resistances[j] = U, H
         if i > 0 or base_is_free:
             R, P = sweep.rotations[j], sweep.positions[j]
@@ -99,7 +104,6 @@ def unfold_forward(robot, sweep, folded, accelerations, forces, base_acceleratio
     found_accelerations, found_forces = [], []
     ground = apply(robot.links[0].inertia.spatial, base_acceleration) - sweep.betas[0]
     for j, joint in enumerate(robot.joints, start=1):
-        row = axis_row(joint)
         R, P = sweep.rotations[j], sweep.positions[j]
         J, beta = folded.inertias[j], folded.betas[j]
         V_dot = twist_to_successor(R, P, link_accelerations[joint.antecedent]) + sweep.gammas[j]
@@ -107,12 +111,12 @@ def unfold_forward(robot, sweep, folded, accelerations, forces, base_acceleratio
             acceleration = accelerations[j - 1]
         else:
             U, H = folded.columns[j], folded.resistances[j]
-            acceleration = (forces[j - 1] + beta[..., row] - dot(U, V_dot)) / H  # eq. 41
+            acceleration = (forces[j - 1] + along(joint, beta) - dot(U, V_dot)) / H  # eq. 41
         V_dot = V_dot + along_axis(joint, acceleration)
         wrench = apply(J, V_dot) - beta  # jf_j = jJ*j jV̇j - jβ*j, which is eq. 42 with eq. 41 put in
         found_accelerations.append(acceleration)
         found_forces.append(
-            wrench[..., row] + joint.rotor_inertia * acceleration  # eq. 82
+            along(joint, wrench) + joint.rotor_inertia * acceleration  # eq. 82
             if forces[j - 1] is None
             else forces[j - 1]
         )
@@ -121,9 +125,14 @@ def unfold_forward(robot, sweep, folded, accelerations, forces, base_acceleratio
         if joint.antecedent == 0:
             ground = ground + wrench_to_antecedent(R, P, wrench)
     wrenches[0] = ground
-    return stack(found_accelerations), stack(found_forces), base_acceleration, stack(wrenches, axis=-2)
+    return join(found_accelerations), join(found_forces), base_acceleration, pile(wrenches)
 
 
-def stack(arrays, axis=-1):
-    """The arrays, broadcast to one shape, along a new last axis (or next to last); none at all give shape (0,)."""
-    return np.stack(np.broadcast_arrays(*arrays), axis=axis) if arrays else np.zeros(0)
+def join(columns):
+    """Columns (..., 1) side by side: (..., number of columns)."""
+    return np.concatenate(np.broadcast_arrays(*columns), axis=-1) if columns else np.zeros(0)
+
+
+def pile(screws):
+    """Screws (..., 6) as rows: (..., number of screws, 6)."""
+    return np.stack(np.broadcast_arrays(*screws), axis=-2)

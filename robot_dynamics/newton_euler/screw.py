@@ -23,8 +23,8 @@ def apply_transposed(R, vector):
 
 
 def dot(a, b):
-    """a · b over the last axis."""
-    return (a[..., None, :] @ b[..., None])[..., 0, 0]
+    """a · b over the last axis, which stays: (..., 1)."""
+    return (a[..., None, :] @ b[..., None])[..., 0]
 
 
 def screw(linear, angular):

@@ -19,7 +19,8 @@ def arm(tip="", joint="", between=""):
       <link name="tip">{tip}</link>
       <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>{joint}
         <limit lower="-1" upper="2" effort="30" velocity="4"/></joint>
-      <joint name="weld" type="fixed"><origin xyz="0.4 0 0" rpy="0 0 1.2"/><parent link="upper"/><child link="tip"/></joint>
+      <joint name="weld" type="fixed"><parent link="upper"/><child link="tip"/>
+        <origin xyz="0.4 0 0" rpy="0 0 1.2"/></joint>
       {between}</robot>"""
 
 
@@ -91,10 +92,8 @@ def test_joint_without_limits_and_continuous_joint_are_unbounded():
 
 
 def test_root_that_floats_makes_the_base_move_unless_told_otherwise():
-    text = """<robot name="free"><link name="world"/><link name="body">%s</link>
-      <joint name="root" type="floating"><parent link="world"/><child link="body"/></joint></robot>""" % inertial(
-        3, 1, 1, 1
-    )
+    text = f"""<robot name="free"><link name="world"/><link name="body">{inertial(3, 1, 1, 1)}</link>
+      <joint name="root" type="floating"><parent link="world"/><child link="body"/></joint></robot>"""
     robot = read_urdf(text)
     assert robot.moving_base and robot.base_link == "body" and robot.joints == ()
     assert robot.links[0].inertia.mass == 3

@@ -36,9 +36,7 @@ BAD = {
     "entity bomb": ('<!DOCTYPE r [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]>' + changed("r", "&b;"), "DOCTYPE"),
     "external entity": ('<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]>' + GOOD, "DOCTYPE"),
     "external include": (
-        changed(
-            "</robot>", '<i:include xmlns:i="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'
-        ),
+        changed("</robot>", '<i:include xmlns:i="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'),
         "line 5: an XInclude",
     ),
     "undeclared entity": (changed('name="a"', 'name="&a;"'), "not well-formed"),
@@ -54,7 +52,9 @@ BAD = {
     "planar joint": (changed("revolute", "planar"), "'planar': known are"),
     "no joint type": (changed(' type="revolute"', ""), "type None"),
     "floating inside": (
-        changed(JOINT, JOINT + '<link name="c"/><joint name="k" type="floating"><parent link="b"/><child link="c"/></joint>'),
+        changed(
+            JOINT, JOINT + '<link name="c"/><joint name="k" type="floating"><parent link="b"/><child link="c"/></joint>'
+        ),
         "'k' is floating inside",
     ),
     "no parent": (changed('<parent link="a"/>', ""), "no <parent"),
@@ -167,7 +167,9 @@ def test_no_text_raises_anything_but_the_projects_own_error(data):
         start = data.draw(st.integers(0, len(text)))
         end = min(len(text), start + data.draw(st.integers(0, 30)))
         piece = data.draw(
-            st.sampled_from(["", "nan", "-1", "1e999", "<", "/>", '"', "&amp;", "\0", "0 0", "fixed", text[start:end] * 2])
+            st.sampled_from(
+                ["", "nan", "-1", "1e999", "<", "/>", '"', "&amp;", "\0", "0 0", "fixed", text[start:end] * 2]
+            )
             | st.text(max_size=5)
         )
         text = text[:start] + piece + text[end:]

@@ -1,0 +1,94 @@
+"""The services as functions: a request and a Dynamics in, a response filled. To refuse they raise."""
+
+from array import array
+
+import numpy as np
+from trajectory_msgs.msg import MultiDOFJointTrajectory
+
+from robot_dynamics.dynamics import BASE_ROWS, Base
+from robot_dynamics.errors import QuestionError
+from robot_dynamics.nodes.messages import (
+    nanoseconds,
+    read_base,
+    read_efforts,
+    read_joint_field,
+    read_wrenches,
+    require_empty,
+    write_base,
+    write_reactions,
+    write_trajectory,
+)
+from robot_dynamics.nodes.names import match_joints
+
+
+def answer_inverse_dynamics(request, response, dynamics, namespace):
+    """InverseDynamics.srv: efforts from accelerations."""
+    return _complete(request, response, dynamics, namespace, given="accelerations", asked="effort")
+
+
+def answer_direct_dynamics(request, response, dynamics, namespace):
+    """DirectDynamics.srv: accelerations from efforts."""
+    return _complete(request, response, dynamics, namespace, given="effort", asked="accelerations")
+
+
+def _complete(request, response, dynamics, namespace, given, asked):
+    robot, points = dynamics.robot, request.trajectory.points
+    order = match_joints(request.trajectory.joint_names, dynamics, namespace)
+    if not points:
+        raise QuestionError("the trajectory has no points: one at least is needed")
+    require_empty(points, asked)
+    times = [nanoseconds(point.time_from_start) for point in points]
+    q, qd = (read_joint_field(points, field, order) for field in ("positions", "velocities"))
+    if given == "effort":
+        question = {"efforts": read_efforts(points, order)}
+    else:
+        question = {"qdd": read_joint_field(points, "accelerations", order)}
+    answer = dynamics.solve(
+        q,
+        qd,
+        **question,
+        base=read_base(request.base, times, robot, namespace),
+        external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
+    )
+    response.trajectory = write_trajectory(
+        request.trajectory,
+        order,
+        dynamics.expand(q),
+        dynamics.expand_rates(qd),
+        dynamics.expand_rates(answer.accelerations),
+        dynamics.spread_efforts(answer.efforts),
+    )
+    if robot.moving_base:
+        response.base = write_base(request.base, answer.base_acceleration, robot)
+    if request.reaction_wrenches:
+        response.reactions = write_reactions(points, answer.reactions, order)
+    response.success = True
+    return response
+
+
+def answer_dynamics_terms(request, response, dynamics, namespace):
+    """DynamicsTerms.srv: A, Coriolis, gravity and friction at one state."""
+    order = match_joints(request.joint_names, dynamics, namespace)
+    state, base = request.state, request.base
+    for field in ("accelerations", "effort"):
+        require_empty([state], field)
+    if len(base.accelerations):
+        raise QuestionError("base.accelerations has values: the terms do not depend on them, leave it empty")
+    q, qd = (read_joint_field([state], field, order)[0] for field in ("positions", "velocities"))
+    bases = MultiDOFJointTrajectory(points=[base] if base.transforms or base.velocities else [])
+    moving = read_base(bases, [nanoseconds(state.time_from_start)], dynamics.robot, namespace)
+    if moving is not None:
+        moving = Base(moving.pose[0], moving.twist[0])
+    rows = order.independent
+    names = [dynamics.joint_names[row] for row in rows]
+    friction = dynamics.friction(qd)
+    if moving is not None:
+        names, rows = [*BASE_ROWS, *names], np.concatenate([np.arange(6), rows + 6])
+        friction = np.concatenate([np.zeros(6), friction])
+    response.joint_names = names
+    response.inertia_matrix = array("d", dynamics.inertia_matrix(q)[np.ix_(rows, rows)].tobytes())
+    response.coriolis = array("d", dynamics.coriolis(q, qd, base=moving)[rows].tobytes())
+    response.gravity = array("d", dynamics.gravity(q, base=moving)[rows].tobytes())
+    response.friction = array("d", friction[rows].tobytes())
+    response.success = True
+    return response

@@ -1,0 +1,87 @@
+"""The node dynamics_server: inverse dynamics, direct dynamics and the terms of the model as services."""
+
+import traceback
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.nodes.answers import answer_direct_dynamics, answer_dynamics_terms, answer_inverse_dynamics
+from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+
+SERVICES = (
+    (InverseDynamics, "inverse_dynamics", answer_inverse_dynamics),
+    (DirectDynamics, "direct_dynamics", answer_direct_dynamics),
+    (DynamicsTerms, "dynamics_terms", answer_dynamics_terms),
+)
+
+
+class DynamicsServer(Node):
+    """Serves ~/inverse_dynamics, ~/direct_dynamics and ~/dynamics_terms for the robot of its RobotSource.
+
+    A request that cannot be answered gets success false and the reason; the node goes on. Every second it tells on
+    /diagnostics which robot it serves, how many requests were answered and refused, and why the last was refused.
+    """
+
+    def __init__(self, **arguments):
+        super().__init__("dynamics_server", **arguments)
+        self._robot = RobotSource(self)
+        self._answered = self._refused = 0
+        self._last_refusal = ""
+        self._served = [
+            self.create_service(kind, f"~/{name}", self._serve(name, answer)) for kind, name, answer in SERVICES
+        ]
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
+        self._timer = self.create_timer(1.0, self._publish_diagnostics)
+
+    def _serve(self, name, answer):
+        def serve(request, response):
+            try:
+                answer(request, response, self._robot.dynamics, self.get_namespace())
+                self._answered += 1
+                return response
+            except RobotDynamicsError as error:
+                reason = str(error)
+            except Exception as error:  # a fault of ours must not take the node, and all that depends on it, down
+                self.get_logger().error(traceback.format_exc())
+                reason = f"internal error, please report it: {error!r}"
+            self._refused += 1
+            self._last_refusal = f"{name}: {reason}"
+            self.get_logger().warning(f"request refused: {self._last_refusal}", throttle_duration_sec=1.0)
+            return type(response)(success=False, message=reason)
+
+        return serve
+
+    def _publish_diagnostics(self):
+        status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: robot", hardware_id=self._robot.name)
+        if not self._robot.name:
+            status.level, status.message = DiagnosticStatus.ERROR, f"no robot is loaded: {self._robot.refusal}"
+        elif self._robot.refusal:
+            status.level, status.message = DiagnosticStatus.WARN, f"last change refused: {self._robot.refusal}"
+        else:
+            status.level, status.message = DiagnosticStatus.OK, f"serving {self._robot.name!r}"
+        status.values = [
+            KeyValue(key="requests answered", value=str(self._answered)),
+            KeyValue(key="requests refused", value=str(self._refused)),
+            KeyValue(key="last refusal", value=self._last_refusal),
+        ]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+
+def main(arguments=None):
+    rclpy.init(args=arguments)
+    try:
+        rclpy.spin(DynamicsServer())
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,230 @@
+"""The one conversion between messages and arrays. What the fields mean stands in the .srv files."""
+
+from array import array
+
+import numpy as np
+from geometry_msgs.msg import Transform, Twist, Wrench, WrenchStamped
+from scipy.spatial.transform import Rotation
+from trajectory_msgs.msg import (
+    JointTrajectory,
+    JointTrajectoryPoint,
+    MultiDOFJointTrajectory,
+    MultiDOFJointTrajectoryPoint,
+)
+
+from robot_dynamics.dynamics import Base
+from robot_dynamics.errors import QuestionError
+from robot_dynamics.nodes.names import resolve
+
+# how far a joint that depends on others may be from where they put it [rad or m, and per second]
+AGREEMENT = 1e-6
+UNIT_QUATERNION = 1e-3  # how far the norm of a quaternion may be from 1: it is normalised, not guessed
+
+
+def read_joint_field(points, field, order):
+    """Values (N, n) of a field (positions, velocities, accelerations) of trajectory points, for independent joints.
+
+    order: JointOrder. Where the message names joints that depend on others, their values must agree.
+    """
+    values = _field(points, field, len(order.asked))
+    dynamics = order.dynamics
+    everyone = np.zeros((len(points), len(dynamics.all_joint_names)))
+    everyone[:, order.numbers] = values
+    independent = everyone[:, [dynamics.all_joint_names.index(name) for name in dynamics.joint_names]]
+    expected = dynamics.expand(independent) if field == "positions" else dynamics.expand_rates(independent)
+    disagree = np.abs(values - expected[:, order.numbers]) > AGREEMENT * np.maximum(1, np.abs(values))
+    if disagree.any():
+        point, joint = np.argwhere(disagree)[0]
+        right = expected[point, order.numbers[joint]]
+        raise QuestionError(
+            f"points[{point}].{field}: joint {order.asked[joint]!r} depends on others, which put it at {right:.9g}, "
+            f"not at {values[point, joint]:.9g}. Leave it out, or let it agree"
+        )
+    return independent
+
+
+def read_efforts(points, order):
+    """Efforts (N, n) on the independent joints; what is given on joints that depend on others is counted there."""
+    everyone = np.zeros((len(points), len(order.dynamics.all_joint_names)))
+    everyone[:, order.numbers] = _field(points, "effort", len(order.asked))
+    return order.dynamics.gather_efforts(everyone)
+
+
+def _field(points, field, size):
+    columns = [getattr(point, field) for point in points]
+    for number, column in enumerate(columns):
+        if len(column) != size:
+            raise QuestionError(
+                f"points[{number}].{field} has {len(column)} values: {size} are needed, one for each joint"
+            )
+    values = np.array(columns, dtype=float).reshape(len(points), size)
+    if not np.isfinite(values).all():
+        point, joint = np.argwhere(~np.isfinite(values))[0]
+        raise QuestionError(f"points[{point}].{field}[{joint}] is {values[point, joint]}: a finite number is needed")
+    return values
+
+
+def require_empty(points, field):
+    """Refuse points in which the field that is asked for has values already."""
+    for number, point in enumerate(points):
+        if len(getattr(point, field)):
+            raise QuestionError(f"points[{number}].{field} has values: it is what is asked for, leave it empty")
+
+
+def read_base(base, times, robot, namespace):
+    """The Base of a MultiDOFJointTrajectory, or None where the base of the robot is fixed.
+
+    times: time_from_start of each point of the joint trajectory [ns].
+    """
+    if not robot.moving_base:
+        if base.points or base.joint_names:
+            raise QuestionError(f"the base of {robot.name!r} is fixed: leave the field base empty")
+        return None
+    for name in base.joint_names:
+        resolve("base link", name, [robot.base_link], namespace)
+    if len(base.points) != len(times):
+        raise QuestionError(
+            f"base.points has {len(base.points)} entries: the base of {robot.name!r} moves, so its pose and twist are "
+            f"needed at each of {len(times)} points"
+        )
+    told = [len(point.accelerations) > 0 for point in base.points]
+    for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
+        for field in ("transforms", "velocities", *(["accelerations"] if any(told) else [])):
+            if len(getattr(point, field)) != 1:
+                hint = " (at all points or at none)" if field == "accelerations" else ""
+                raise QuestionError(
+                    f"base.points[{number}].{field} has {len(getattr(point, field))} entries, not 1{hint}"
+                )
+        if nanoseconds(point.time_from_start) not in (0, time):
+            raise QuestionError(f"base.points[{number}].time_from_start differs from that of the trajectory's point")
+    return Base(
+        pose=_poses([point.transforms[0] for point in base.points]),
+        twist=_twists([point.velocities[0] for point in base.points], "velocities"),
+        acceleration=_twists([point.accelerations[0] for point in base.points], "accelerations") if any(told) else None,
+    )
+
+
+def _poses(transforms):
+    """Homogeneous matrices (N, 4, 4) of geometry_msgs/Transform."""
+    rotations = np.array([[t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w] for t in transforms])
+    poses = np.tile(np.eye(4), (len(transforms), 1, 1))
+    poses[:, :3, 3] = [[t.translation.x, t.translation.y, t.translation.z] for t in transforms]
+    norms = np.linalg.norm(rotations, axis=1)
+    wrong = np.flatnonzero(~(np.abs(norms - 1) < UNIT_QUATERNION))
+    if len(wrong):
+        raise QuestionError(
+            f"base.points[{wrong[0]}].transforms[0].rotation has norm {norms[wrong[0]]:.6g}: 1 is needed"
+        )
+    poses[:, :3, :3] = Rotation.from_quat(rotations).as_matrix()
+    wrong = np.argwhere(~np.isfinite(poses))
+    if len(wrong):
+        raise QuestionError(f"base.points[{wrong[0][0]}].transforms[0].translation is not finite")
+    return poses
+
+
+def _twists(twists, field):
+    values = np.array(
+        [[t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z] for t in twists], dtype=float
+    )
+    wrong = np.argwhere(~np.isfinite(values))
+    if len(wrong):
+        raise QuestionError(f"base.points[{wrong[0][0]}].{field}[0] is not finite")
+    return values
+
+
+def read_wrenches(stamped, times, robot, namespace):
+    """{link name: (N, 6)} of geometry_msgs/WrenchStamped[], for points at `times` [ns]. Wrenches on a link add up."""
+    times, wrenches = np.asarray(times), {}
+    for number, wrench in enumerate(stamped):
+        try:
+            link = resolve("link", wrench.header.frame_id, robot.frames_by_name, namespace)
+        except QuestionError as error:
+            raise QuestionError(f"external_wrenches[{number}].header.frame_id: {error}") from None
+        force, torque = wrench.wrench.force, wrench.wrench.torque
+        values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+        if not np.isfinite(values).all():
+            raise QuestionError(f"external_wrenches[{number}] on {link!r} is {values}: finite numbers are needed")
+        stamp = nanoseconds(wrench.header.stamp)
+        acts = np.ones(len(times), bool) if stamp == 0 else times == stamp
+        if not acts.any():
+            raise QuestionError(
+                f"external_wrenches[{number}] on {link!r} has stamp {stamp * 1e-9:.9g} s, and no point has that "
+                "time_from_start. A zero stamp means every point"
+            )
+        wrenches[link] = wrenches.get(link, 0) + acts[:, None] * values
+    return wrenches
+
+
+def nanoseconds(time):
+    """A Time or Duration message in ns."""
+    return time.sec * 1_000_000_000 + time.nanosec
+
+
+def write_trajectory(question, order, q, qd, qdd, efforts):
+    """The JointTrajectory of a question, completed. q, qd, qdd, efforts: (N, all joints), in the robot's order."""
+    answer = JointTrajectory(header=question.header, joint_names=order.answered_names)
+    columns = [np.ascontiguousarray(values[:, order.answered]) for values in (q, qd, qdd, efforts)]
+    answer.points = [
+        JointTrajectoryPoint(
+            positions=array("d", positions.tobytes()),
+            velocities=array("d", velocities.tobytes()),
+            accelerations=array("d", accelerations.tobytes()),
+            effort=array("d", effort.tobytes()),
+            time_from_start=point.time_from_start,
+        )
+        for point, positions, velocities, accelerations, effort in zip(question.points, *columns, strict=True)
+    ]
+    return answer
+
+
+def write_base(question, accelerations, robot):
+    """The MultiDOFJointTrajectory of a question, completed with accelerations (N, 6)."""
+    answer = MultiDOFJointTrajectory(header=question.header, joint_names=question.joint_names or [robot.base_link])
+    answer.points = [
+        MultiDOFJointTrajectoryPoint(
+            transforms=point.transforms,
+            velocities=point.velocities,
+            accelerations=[write_twist(acceleration)],
+            time_from_start=point.time_from_start,
+        )
+        for point, acceleration in zip(question.points, accelerations, strict=True)
+    ]
+    return answer
+
+
+def write_reactions(points, reactions, order):
+    """WrenchStamped for each point: the base, then each joint of the answer. reactions: (N, 1 + all joints, 6)."""
+    robot = order.dynamics.robot
+    rows = [0, *(number + 1 for number in order.answered)]
+    stamped = []
+    for point, wrenches in zip(points, reactions, strict=True):
+        for row in rows:
+            message = WrenchStamped(wrench=write_wrench(wrenches[row]))
+            message.header.frame_id = robot.links[row].name
+            message.header.stamp.sec = point.time_from_start.sec
+            message.header.stamp.nanosec = point.time_from_start.nanosec
+            stamped.append(message)
+    return stamped
+
+
+def write_wrench(values):
+    message = Wrench()
+    message.force.x, message.force.y, message.force.z = map(float, values[:3])
+    message.torque.x, message.torque.y, message.torque.z = map(float, values[3:])
+    return message
+
+
+def write_twist(values):
+    message = Twist()
+    message.linear.x, message.linear.y, message.linear.z = map(float, values[:3])
+    message.angular.x, message.angular.y, message.angular.z = map(float, values[3:])
+    return message
+
+
+def write_transform(pose):
+    """A geometry_msgs/Transform of a homogeneous matrix (4, 4)."""
+    message = Transform()
+    message.translation.x, message.translation.y, message.translation.z = map(float, pose[:3, 3])
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
+    message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = map(float, (x, y, z, w))
+    return message

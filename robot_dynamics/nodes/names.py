@@ -1,0 +1,68 @@
+"""Joints and links of a message matched by name with those of the robot, never by position."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.errors import QuestionError, unknown_name
+
+
+def resolve(kind, name, known, namespace):
+    """The one of `known` that a message calls `name`; the namespace of the node may stand in front of it."""
+    if name in known:
+        return name
+    local = name.lstrip("/").removeprefix(namespace.strip("/") + "/")
+    if local in known:
+        return local
+    raise QuestionError(unknown_name(kind, name, known))
+
+
+@dataclass(frozen=True, eq=False)
+class JointOrder:
+    """How the joints of a message stand to those of a robot.
+
+    asked: names as the message has them. numbers: for each its number in dynamics.all_joint_names. appended: numbers of
+    the joints that the message leaves out because they depend on others.
+    """
+
+    dynamics: object
+    asked: tuple
+    numbers: np.ndarray
+    appended: np.ndarray
+
+    @property
+    def answered(self):
+        """Numbers of all joints in the order of an answer: the asker's, then those left out."""
+        return np.concatenate([self.numbers, self.appended])
+
+    @property
+    def answered_names(self):
+        return [*self.asked, *(self.dynamics.all_joint_names[number] for number in self.appended)]
+
+    @property
+    def independent(self):
+        """Numbers in dynamics.joint_names of the independent joints, in the asker's order."""
+        known = self.dynamics.joint_names
+        names = (self.dynamics.all_joint_names[number] for number in self.numbers)
+        return np.array([known.index(name) for name in names if name in known], dtype=int)
+
+
+def match_joints(names, dynamics, namespace):
+    """The JointOrder of the joint names of a message.
+
+    Every independent joint must be among them; one that depends on others may be. Raises QuestionError naming the
+    joints that are missing, unknown or there more than once.
+    """
+    everyone = dynamics.all_joint_names
+    resolved = [resolve("joint", name, everyone, namespace) for name in names]
+    repeated = (
+        sorted({name for name in resolved if resolved.count(name) > 1}) if len(set(resolved)) < len(resolved) else ()
+    )
+    if repeated:
+        raise QuestionError(f"joint {', '.join(map(repr, repeated))} is named more than once: once is right")
+    missing = [name for name in dynamics.joint_names if name not in resolved]
+    if missing:
+        raise QuestionError(f"joint {', '.join(map(repr, missing))} is missing: every joint must be named")
+    numbers = np.array([everyone.index(name) for name in resolved], dtype=int)
+    appended = np.setdiff1d(np.arange(len(everyone)), numbers)
+    return JointOrder(dynamics, tuple(names), numbers, appended)

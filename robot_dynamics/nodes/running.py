@@ -1,0 +1,98 @@
+"""Nodes of this package as processes of their own, and calls to them that end."""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import rclpy
+import yaml
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.parameter import Parameter
+
+# A server can get the first request of a client before it has found where that client listens. The middleware then
+# drops the answer, so a first question that is not answered in this time [s] is asked again.
+DISCOVERY = 2.0
+
+
+@contextmanager
+def running_node(executable, parameters=None, namespace="/", environment=None, log=None):
+    """Run a node of this package in a process of its own; it is gone when the block ends, whatever happens in it.
+
+    executable: name of its module in robot_dynamics.nodes. parameters: values by name. environment: variables beside
+    those of this process. log: an open file that takes what it prints; None: printed here.
+
+    Yields the subprocess.Popen.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "parameters.yaml"
+        file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
+        command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args"]
+        command += ["-r", f"__ns:={namespace}", "--params-file", str(file)]
+        process = subprocess.Popen(command, env={**os.environ, **(environment or {})}, stdout=log, stderr=log)
+        try:
+            yield process
+        finally:
+            stop(process)
+
+
+def stop(process, patience=5.0):
+    """Interrupt a process as ctrl-C does, and kill it where that does not end it within `patience` seconds."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+        try:
+            process.wait(patience)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+class Caller:
+    """Calls services from a node of its own, and waits for each answer for a stated time."""
+
+    def __init__(self, name="caller", namespace="/", context=None):
+        self.node = rclpy.create_node(name, namespace=namespace, context=context)
+        self._executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self._clients, self._heard = {}, set()
+
+    def call(self, kind, service, request, timeout=30.0):
+        """The response of a service. Raises TimeoutError where none came in `timeout` seconds."""
+        deadline = time.monotonic() + timeout
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self.node.create_client(kind, service)
+        if not client.wait_for_service(timeout):
+            raise TimeoutError(f"service {service} is not there after {timeout} s")
+        asked, future = time.monotonic(), client.call_async(request)
+        while not future.done():
+            now = time.monotonic()
+            if now > deadline:
+                client.remove_pending_request(future)
+                raise TimeoutError(f"service {service} did not answer within {timeout} s")
+            if service not in self._heard and now > asked + DISCOVERY:
+                client.remove_pending_request(future)
+                asked, future = now, client.call_async(request)
+            self._executor.spin_once(timeout_sec=0.1)
+        self._heard.add(service)
+        return future.result()
+
+    def set_parameters(self, node_name, values, timeout=30.0):
+        """Set parameters of a node all at once. Returns what it says: successful, reason."""
+        request = SetParametersAtomically.Request()
+        request.parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        return self.call(SetParametersAtomically, f"{node_name}/set_parameters_atomically", request, timeout).result
+
+    def spin(self, seconds):
+        """Let subscriptions of the node have their messages for that long."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self._executor.shutdown()
+        self.node.destroy_node()

@@ -1,0 +1,74 @@
+"""Real nodes in processes of their own, on a DDS domain of this test run alone, and calls that end."""
+
+import os
+
+import pytest
+import rclpy
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.nodes.running import Caller, running_node
+
+os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+@pytest.fixture(scope="session")
+def ros():
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.fixture(scope="module")
+def caller(ros):
+    made = Caller("asker")
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start_server():
+    """Start dynamics_server with parameters; all are gone when the test ends. Returns their fully qualified names."""
+    with _servers() as start:
+        yield start
+
+
+@pytest.fixture(scope="module")
+def start_module_server():
+    with _servers() as start:
+        yield start
+
+
+class _servers:
+    """Servers in namespaces of their own, so that none hears what is meant for another."""
+
+    count = 0
+
+    def __enter__(self):
+        self.running = []
+        return self.start
+
+    def start(self, parameters=None, namespace=None):
+        _servers.count += 1
+        namespace = namespace or f"/test_{os.getpid()}_{_servers.count}"
+        node = running_node("dynamics_server", parameters, namespace)
+        self.running.append((node, node.__enter__()))
+        return f"{namespace}/dynamics_server"
+
+    def __exit__(self, *_):
+        for node, process in self.running:
+            assert process.poll() is None, "the server died"
+            node.__exit__(None, None, None)
+            assert process.returncode == 0, "the server did not end cleanly"
+
+
+@pytest.fixture(scope="module")
+def panda(start_module_server):
+    """A server of the Panda that ships."""
+    return start_module_server({"robot_file": "panda"})
+
+
+@pytest.fixture(scope="module")
+def library():
+    """The same robot without ROS."""
+    return Dynamics(load_robot("panda"))

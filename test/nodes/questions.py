@@ -1,0 +1,116 @@
+"""Requests from arrays and arrays from responses, written apart from what the server uses."""
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+from geometry_msgs.msg import Transform, Twist, WrenchStamped
+from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+
+STEP = 2_000_000  # ns between points
+PANDA = [f"panda_joint{k}" for k in range(1, 8)]
+SERVICES = {
+    InverseDynamics.Request: (InverseDynamics, "inverse_dynamics"),
+    DirectDynamics.Request: (DirectDynamics, "direct_dynamics"),
+    DynamicsTerms.Request: (DynamicsTerms, "dynamics_terms"),
+}
+
+
+def call(caller, server, request):
+    """The response to a request, whatever it says."""
+    kind, service = SERVICES[type(request)]
+    return caller.call(kind, f"{server}/{service}", request)
+
+
+def ask(caller, server, request):
+    """The successful response to a request."""
+    response = call(caller, server, request)
+    assert response.success, response.message
+    assert response.message == ""
+    return response
+
+
+def motion(count, joints, seed=0):
+    """Positions, velocities, accelerations (count, joints)."""
+    return np.random.default_rng(seed).uniform(-1, 1, (3, count, joints))
+
+
+def point(k, **fields):
+    seconds, nanoseconds = divmod(k * STEP, 10**9)
+    made = JointTrajectoryPoint(time_from_start=Duration(sec=seconds, nanosec=nanoseconds))
+    for field, values in fields.items():
+        setattr(made, field, np.asarray(values, dtype=float).tolist())
+    return made
+
+
+def inverse_request(joints, q, qd, qdd, **others):
+    request = InverseDynamics.Request(**others)
+    request.trajectory.joint_names = list(joints)
+    request.trajectory.points = [
+        point(k, positions=q[k], velocities=qd[k], accelerations=qdd[k]) for k in range(len(q))
+    ]
+    return request
+
+
+def direct_request(joints, q, qd, efforts, **others):
+    request = DirectDynamics.Request(**others)
+    request.trajectory.joint_names = list(joints)
+    request.trajectory.points = [point(k, positions=q[k], velocities=qd[k], effort=efforts[k]) for k in range(len(q))]
+    return request
+
+
+def terms_request(joints, q, qd, base=None):
+    request = DynamicsTerms.Request(joint_names=list(joints), state=point(0, positions=q, velocities=qd))
+    if base is not None:
+        request.base = base
+    return request
+
+
+def base_points(quaternions, positions, twists, accelerations=None):
+    """MultiDOFJointTrajectory of poses (x, y, z, w), positions and twists, and accelerations where given."""
+    message = MultiDOFJointTrajectory()
+    for k, (quaternion, position, velocity) in enumerate(zip(quaternions, positions, twists, strict=True)):
+        transform = Transform()
+        transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w = map(float, quaternion)
+        transform.translation.x, transform.translation.y, transform.translation.z = map(float, position)
+        made = MultiDOFJointTrajectoryPoint(transforms=[transform], velocities=[twist(velocity)])
+        if accelerations is not None:
+            made.accelerations = [twist(accelerations[k])]
+        message.points.append(made)
+    return message
+
+
+def twist(values):
+    made = Twist()
+    made.linear.x, made.linear.y, made.linear.z = map(float, values[:3])
+    made.angular.x, made.angular.y, made.angular.z = map(float, values[3:])
+    return made
+
+
+def wrench(link, values, stamp=None):
+    """WrenchStamped; stamp: number of the point, None for every point."""
+    made = WrenchStamped()
+    made.header.frame_id = link
+    if stamp is not None:
+        made.header.stamp = Time(sec=stamp * STEP // 10**9, nanosec=stamp * STEP % 10**9)
+    made.wrench.force.x, made.wrench.force.y, made.wrench.force.z = map(float, values[:3])
+    made.wrench.torque.x, made.wrench.torque.y, made.wrench.torque.z = map(float, values[3:])
+    return made
+
+
+def field(trajectory, name):
+    return np.array([getattr(point, name) for point in trajectory.points])
+
+
+def base_accelerations(base):
+    return np.array(
+        [
+            [a.linear.x, a.linear.y, a.linear.z, a.angular.x, a.angular.y, a.angular.z]
+            for a in (point.accelerations[0] for point in base.points)
+        ]
+    )
+
+
+def wrench_values(stamped):
+    f, m = stamped.wrench.force, stamped.wrench.torque
+    return np.array([f.x, f.y, f.z, m.x, m.y, m.z])
