@@ -2,14 +2,13 @@
 
 import traceback
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.answers import answer_direct_dynamics, answer_dynamics_terms, answer_inverse_dynamics
 from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.running import run
 from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
 
 SERVICES = (
@@ -74,13 +73,7 @@ class DynamicsServer(Node):
 
 
 def main(arguments=None):
-    rclpy.init(args=arguments)
-    try:
-        rclpy.spin(DynamicsServer())
-    except (KeyboardInterrupt, ExternalShutdownException):
-        pass
-    finally:
-        rclpy.try_shutdown()
+    run(DynamicsServer, arguments)
 
 
 if __name__ == "__main__":

@@ -1,22 +1,45 @@
-"""Nodes of this package as processes of their own, and calls to them that end."""
+"""Nodes as processes of their own, from inside and from outside, and calls to them that end."""
 
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import rclpy
 import yaml
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
 
 # A server can get the first request of a client before it has found where that client listens. The middleware then
 # drops the answer, so a first question that is not answered in this time [s] is asked again.
 DISCOVERY = 2.0
+
+
+def run(make_node, arguments=None):
+    """Be the process of one node: make it, spin it, and end cleanly on SIGINT or SIGTERM.
+
+    The signals are not left to rclpy: its handler shuts the context down in a thread of its own, and where that meets
+    the shutdown here, the process ends with an error.
+    """
+    stopped = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopped.set())
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor()
+    try:
+        executor.add_node(make_node())
+        while not stopped.is_set():
+            executor.spin_once(timeout_sec=0.2)
+    finally:
+        executor.shutdown()
+        rclpy.shutdown()
 
 
 @contextmanager
@@ -42,13 +65,12 @@ def running_node(executable, parameters=None, namespace="/", environment=None, l
 
 def stop(process, patience=5.0):
     """Interrupt a process as ctrl-C does, and kill it where that does not end it within `patience` seconds."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-        try:
-            process.wait(patience)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    deadline = time.monotonic() + patience
+    while process.poll() is None:
+        # again and again: while Python imports, some libraries swallow the interrupt
+        process.send_signal(signal.SIGINT if time.monotonic() < deadline else signal.SIGKILL)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(1.0)
 
 
 class Caller:
@@ -56,7 +78,7 @@ class Caller:
 
     def __init__(self, name="caller", namespace="/", context=None):
         self.node = rclpy.create_node(name, namespace=namespace, context=context)
-        self._executor = rclpy.executors.SingleThreadedExecutor(context=context)
+        self._executor = SingleThreadedExecutor(context=context)
         self._executor.add_node(self.node)
         self._clients, self._heard = {}, set()
 

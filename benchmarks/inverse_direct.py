@@ -1,0 +1,112 @@
+"""Time of the inverse and the direct model, for one sample and for a batch, beside Pinocchio in the same run.
+
+Rounds of both go in turn, and the ratio is the median of the rounds' ratios, so that a machine whose speed drifts does
+not favour one. A ratio above 1 means that Pinocchio is that many times faster.
+"""
+
+import argparse
+import os
+import platform
+import statistics
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from robot_dynamics import Dynamics, load_robot, shipped_robots
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
+from peers.real_robots import real_urdf
+
+ROBOTS = {
+    "panda": lambda: shipped_robots()["panda"].read_text(),
+    "ur5e": lambda: shipped_robots()["ur5e"].read_text(),
+    "talos_reduced": lambda: real_urdf("talos_reduced"),
+}
+
+
+def seconds(work, repetitions):
+    started = time.perf_counter()
+    for _ in range(repetitions):
+        work()
+    return (time.perf_counter() - started) / repetitions
+
+
+def side_by_side(ours, theirs, rounds):
+    """(our median [s], their median [s], median of the ratios of each round)."""
+    ours(), theirs()
+    # about 50 ms a turn, so that the clock and a short interruption do not count
+    counts = [max(1, int(0.05 / max(seconds(work, 1), 1e-7))) for work in (ours, theirs)]
+    pairs = [(seconds(ours, counts[0]), seconds(theirs, counts[1])) for _ in range(rounds)]
+    mine, peers = zip(*pairs, strict=True)
+    return statistics.median(mine), statistics.median(peers), statistics.median(a / b for a, b in pairs)
+
+
+def cases(urdf, batch, seed=0):
+    """(what, ours, Pinocchio's) after making sure that both give the same numbers."""
+    dynamics = Dynamics(load_robot(urdf))
+    model = pin.buildModelFromXML(urdf)
+    data = model.createData()
+    order = [model.joints[model.getJointId(name)].idx_v for name in dynamics.joint_names]
+    q, qd, qdd = np.random.default_rng(seed).uniform(-1, 1, (3, batch, len(order)))
+    theirs = [np.empty_like(q) for _ in range(3)]
+    for full, values in zip(theirs, (q, qd, qdd), strict=True):
+        full[:, order] = values
+    efforts = dynamics.inverse(q, qd, qdd) - dynamics.friction(qd)
+    pushed = np.empty_like(q)
+    pushed[:, order] = efforts
+    columns = [np.asfortranarray(values.T) for values in (*theirs, pushed)]
+    pool = pin.ModelPool(model, 1)
+
+    for name, mine, one, many in (
+        ("inverse", dynamics.inverse, pin.rnea, pin.rneaInParallel),
+        ("direct", dynamics.direct, pin.aba, pin.abaInParallel),
+    ):
+        last, peer_last, column = (qdd, theirs[2], columns[2]) if name == "inverse" else (efforts, pushed, columns[3])
+        expected = np.array([one(model, data, *sample) for sample in zip(theirs[0], theirs[1], peer_last, strict=True)])
+        given = last if name == "inverse" else last + dynamics.friction(qd)
+        found = mine(q, qd, given) - (dynamics.friction(qd) if name == "inverse" else 0)
+        assert np.abs(found - expected[:, order]).max() < 1e-9 * np.abs(expected).max(), f"{name} models differ"
+        single = [values[0].copy() for values in (q, qd, given)]
+        peer_single = [values[0].copy() for values in (theirs[0], theirs[1], peer_last)]
+        yield (
+            f"{name}, one call",
+            lambda mine=mine, single=single: mine(*single),
+            lambda one=one, peer_single=peer_single: one(model, data, *peer_single),
+            1,
+        )
+        yield (
+            f"{name}, batch of {batch}",
+            lambda mine=mine, given=given: mine(q, qd, given),
+            lambda many=many, column=column: many(1, pool, columns[0], columns[1], column),
+            batch,
+        )
+
+
+def processor():
+    """The name of the processor as Linux tells it."""
+    lines = Path("/proc/cpuinfo").read_text().splitlines()
+    return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--batch", type=int, default=10_000)
+    options = parser.parse_args()
+    versions = ", ".join(f"{package} {version(package)}" for package in ("numpy", "pin"))
+    print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}")
+    print("robot_dynamics: the NumPy recursions, without a compiled model; Pinocchio: called from Python, one thread\n")
+    print(f"{'':<40} {'robot_dynamics':>16} {'Pinocchio':>12} {'ratio':>8}")
+    for robot, urdf in ROBOTS.items():
+        for what, ours, theirs, samples in cases(urdf(), options.batch):
+            mine, peers, ratio = side_by_side(ours, theirs, options.rounds)
+            per = [f"{t / samples * 1e6:.2f} µs" for t in (mine, peers)]
+            print(f"{robot + ': ' + what:<40} {per[0]:>16} {per[1]:>12} {ratio:>8.1f}")
+
+
+if __name__ == "__main__":
+    main()
