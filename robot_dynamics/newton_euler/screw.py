@@ -6,10 +6,12 @@ The screw transformation jTi = [Rᵀ, -Rᵀ P̂; 0, Rᵀ] is never written out: 
 
 import numpy as np
 
+YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+
 
 def cross(a, b):
     """a × b over the last axis."""
-    return a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]]
+    return a.take(YZX, -1) * b.take(ZXY, -1) - a.take(ZXY, -1) * b.take(YZX, -1)
 
 
 def apply(matrix, vector):
@@ -29,7 +31,9 @@ def dot(a, b):
 
 def screw(linear, angular):
     """Stack two vectors (..., 3) to a screw (..., 6)."""
-    return np.concatenate(np.broadcast_arrays(linear, angular), axis=-1)
+    if linear.shape != angular.shape:
+        linear, angular = np.broadcast_arrays(linear, angular)
+    return np.concatenate([linear, angular], axis=-1)
 
 
 def twist_to_successor(R, P, V):

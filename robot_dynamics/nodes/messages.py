@@ -3,7 +3,7 @@
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Transform, Twist, Wrench, WrenchStamped
+from geometry_msgs.msg import Twist, Wrench, WrenchStamped
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import (
     JointTrajectory,
@@ -218,13 +218,4 @@ def write_twist(values):
     message = Twist()
     message.linear.x, message.linear.y, message.linear.z = map(float, values[:3])
     message.angular.x, message.angular.y, message.angular.z = map(float, values[3:])
-    return message
-
-
-def write_transform(pose):
-    """A geometry_msgs/Transform of a homogeneous matrix (4, 4)."""
-    message = Transform()
-    message.translation.x, message.translation.y, message.translation.z = map(float, pose[:3, 3])
-    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
-    message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = map(float, (x, y, z, w))
     return message

@@ -42,7 +42,9 @@ class PinocchioModel:
         for name, wrench in external_wrenches.items():
             frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
             forces[frame.parentJoint] += frame.placement.act(pin.Force(wrench[:3], wrench[3:]))
-        return pin.StdVec_Force(forces) if hasattr(pin, "StdVec_Force") else forces
+        vector = pin.StdVec_Force()
+        vector.extend(forces)
+        return vector
 
     def inertia_matrix(self, q):
         upper = np.triu(pin.crba(self.model, self.data, self.position(q, np.eye(4))))

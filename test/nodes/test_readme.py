@@ -14,7 +14,7 @@ from rosidl_parser.definition import AbstractSequence, NamespacedType
 from robot_dynamics.nodes.robot_source import PARAMETERS
 from robot_dynamics.nodes.running import Caller, running_node
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
 BASH = re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
 STARTS = "ros2|make|\\.venv|git|rosdep|colcon|source"

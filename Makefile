@@ -1,0 +1,57 @@
+# Entry points of the project; `make help` lists them. Paths are relative, so that the checkout may lie anywhere.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+# A Python 3.10 to 3.13 to make .venv with. Left empty, tools/find_python.sh looks for one.
+PYTHON ?=
+
+# A ROS that is sourced in this shell must not lend its packages to .venv, which has its own.
+unexport AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONHOME PYTHONPATH RMW_IMPLEMENTATION
+unexport VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+ifdef ROS_DISTRO
+unexport LD_LIBRARY_PATH
+endif
+
+# What runs here neither hears nor disturbs robots on the network.
+test demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
+
+.PHONY: help venv test demo lint format lock colcon bench clean
+
+help:  ## list the targets
+	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1	\2/p' Makefile
+
+venv:  ## make or bring up to date .venv: ROS 2 Jazzy, all other packages, and this project
+	@$(BOOTSTRAP)
+
+test: venv  ## run the tests
+	.venv/bin/python -m pytest
+
+demo: venv  ## a server and a client at work
+	.venv/bin/demo
+
+lint: venv  ## check style and format of the Python files
+	.venv/bin/ruff check .
+	.venv/bin/ruff format --check .
+
+format: venv  ## put the Python files into format
+	.venv/bin/ruff check --fix-only .
+	.venv/bin/ruff format .
+
+lock:  ## pin anew the versions in requirements/constraints.txt (needs uv)
+	@sh tools/lock.sh
+
+colcon: venv  ## build both packages as in a ROS workspace, into build/, install/ and log/
+	@$(BOOTSTRAP) --colcon
+	@sh tools/colcon_build.sh
+
+bench: venv  ## measure the inverse and direct models beside Pinocchio
+	.venv/bin/python benchmarks/inverse_direct.py
+
+clean:  ## remove all that the other targets made
+	rm -rf .venv .venv.lock build install log demo.png robot_dynamics.egg-info
+	rm -rf .pytest_cache .ruff_cache .hypothesis
+	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

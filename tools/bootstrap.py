@@ -1,0 +1,363 @@
+"""Makes .venv: ROS 2 Jazzy from wheels, everything else the project needs, and the project itself.
+
+Run by `make venv` with any Python 3.10 to 3.13; needs nothing but the standard library. The work is a list of steps.
+What a step was made from is summed up in a fingerprint, kept in .venv/.complete when the step is done: a step is done
+again when its fingerprint, or that of a step before it, is another. When all agree there is nothing to do.
+"""
+
+import argparse
+import fcntl
+import hashlib
+import json
+import os
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+import time
+from pathlib import Path
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+VENV = CHECKOUT / ".venv"
+PYTHON = VENV / "bin" / "python"
+COMPLETE = VENV / ".complete"
+LOG = VENV / "bootstrap.log"
+LOCK = CHECKOUT / ".venv.lock"
+INTERFACES = CHECKOUT / "robot_dynamics_interfaces"
+INSTALLED_INTERFACES = VENV / "installed_interfaces.txt"
+CONSTRAINTS = CHECKOUT / "requirements" / "constraints.txt"
+
+# What these wheels of ROS were built for.
+PYTHON_VERSIONS = ((3, 10), (3, 13))
+MACHINES = ("x86_64",)
+GLIBC = (2, 28)
+
+# Variables by which a sourced ROS or another environment would lend its files to this one.
+FOREIGN_VARIABLES = (
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "COLCON_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "PKG_CONFIG_PATH",
+    "PYTHONHOME",
+    "PYTHONPATH",
+    "ROS_DISTRO",
+    "ROS_VERSION",
+    "ROS_PYTHON_VERSION",
+    "RMW_IMPLEMENTATION",
+    "VIRTUAL_ENV",
+    "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # set by the ROS wheels of whichever environment started this process
+    "PIP_USER",
+    "PIP_TARGET",
+    "PIP_PREFIX",
+    "PIP_REQUIRE_VIRTUALENV",
+)
+
+
+class BootstrapError(Exception):
+    """What is wrong and what would put it right, in one line."""
+
+
+# --- What the machine must have -------------------------------------------------------------------------------------
+
+
+def check_machine():
+    """Refuse early, and in words, what would fail late and in riddles."""
+    check_platform()
+    check_python()
+    check_compiler()
+
+
+def check_platform():
+    if sys.platform != "linux" or platform.machine() not in MACHINES:
+        raise BootstrapError(
+            f"the ROS wheels exist for Linux on {' and '.join(MACHINES)}, this is {sys.platform} on "
+            f"{platform.machine()}; install ROS 2 Jazzy itself there and build with colcon"
+        )
+    library, version = platform.libc_ver()
+    if library != "glibc" or tuple(map(int, version.split(".")[:2])) < GLIBC:
+        raise BootstrapError(
+            f"the ROS wheels need glibc {GLIBC[0]}.{GLIBC[1]} or newer, this is {library or 'another C library'} "
+            f"{version}; use a newer distribution (Ubuntu 20.04, Debian 10 and later)"
+        )
+
+
+def check_python():
+    name = "python{}.{}".format(*sys.version_info[:2])
+    oldest, newest = PYTHON_VERSIONS
+    if not oldest <= sys.version_info[:2] <= newest:
+        raise BootstrapError(
+            f"the ROS wheels exist for Python {oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}, this is {name}; "
+            "name another: PYTHON=/path/to/python3.12 make venv"
+        )
+    try:
+        import ensurepip  # noqa: F401
+        import venv  # noqa: F401
+    except ImportError:
+        raise BootstrapError(f"{name} cannot make virtual environments; install {name}-venv") from None
+    if not Path(sysconfig.get_paths()["include"], "Python.h").is_file():
+        raise BootstrapError(f"{name} has no header files to compile against; install {name}-dev")
+
+
+def check_compiler():
+    for language, variable, names in (
+        ("C", "CC", ("cc", "gcc", "clang")),
+        ("C++", "CXX", ("c++", "g++", "clang++")),
+    ):
+        chosen = os.environ.get(variable, "").split()
+        if not any(shutil.which(name) for name in (chosen[:1] or names)):
+            raise BootstrapError(
+                f"no {language} compiler ({' '.join(chosen[:1] or names)}) on PATH to build the message types with; "
+                "install build-essential"
+            )
+
+
+# --- Running other programs -----------------------------------------------------------------------------------------
+
+
+def clean_environment():
+    """The environment of this process with .venv in front and no other ROS in it."""
+    foreign_prefixes = [
+        os.path.realpath(prefix)
+        for variable in ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH")
+        for prefix in os.environ.get(variable, "").split(os.pathsep)
+        if prefix
+    ]
+    # CMake looks for packages beside every bin folder on PATH, so those of another ROS go as well.
+    path = [
+        folder
+        for folder in os.environ.get("PATH", os.defpath).split(os.pathsep)
+        if not any(os.path.realpath(folder).startswith(prefix + os.sep) for prefix in foreign_prefixes)
+    ]
+    environment = {name: value for name, value in os.environ.items() if name not in FOREIGN_VARIABLES}
+    environment["PATH"] = os.pathsep.join([str(VENV / "bin"), *path])
+    environment["AMENT_PREFIX_PATH"] = environment["CMAKE_PREFIX_PATH"] = str(VENV)
+    environment["PIP_DISABLE_PIP_VERSION_CHECK"] = "1"
+    return environment
+
+
+def run(*command):
+    """Run a program; what it says goes to the log, and is shown only if it fails."""
+    command = [str(word) for word in command]
+    with LOG.open("a") as log:
+        log.write(f"\n$ {' '.join(command)}\n")
+        log.flush()
+        start = log.tell()
+        # The program inherits the lock, so that it holds it for as long as it writes, should this process be killed.
+        status = subprocess.call(
+            command,
+            cwd=CHECKOUT,
+            env=clean_environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            close_fds=False,
+        )
+    if status == 0:
+        return
+    with LOG.open(errors="replace") as log:
+        log.seek(start)
+        lines = [line for line in log if not line.startswith("WARNING: Location ")]
+    sys.stderr.writelines(lines[-60:])
+    raise BootstrapError(f"`{Path(command[0]).name} {' '.join(command[1:4])} ...` failed; all it said is in {LOG}")
+
+
+def output_of_venv_python(program):
+    return subprocess.check_output([PYTHON, "-c", program], env=clean_environment(), text=True).strip()
+
+
+# --- Steps ----------------------------------------------------------------------------------------------------------
+
+
+def install_packages():
+    """A new virtual environment with every package from the index."""
+    COMPLETE.unlink(missing_ok=True)
+    if VENV.exists():
+        shutil.rmtree(VENV)
+    VENV.mkdir()
+    # The real interpreter: `sys.executable` may lie in the environment that was just removed.
+    run(os.path.realpath(getattr(sys, "_base_executable", sys.executable)), "-m", "venv", VENV)
+    pip_install("-r", CHECKOUT / "requirements" / "venv.in")
+    correct_include_directories()
+
+
+def pip_install(*what):
+    run(PYTHON, "-m", "pip", "install", "-c", CONSTRAINTS, *what)
+
+
+def correct_include_directories():
+    """Point the CMake files of the ROS wheels to this Python and this NumPy.
+
+    They name the include directories of the machine that the wheels were built on.
+    """
+    here = json.loads(
+        output_of_venv_python(
+            "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_paths()['include'], numpy.get_include()]))"
+        )
+    )
+    elsewhere = (
+        re.compile(r"/opt/python/[^;\"]+?/include/python3\.\d+"),
+        re.compile(r"/opt/python/[^;\"]+?/numpy/_?core/include"),
+    )
+    for path in VENV.glob("share/*/cmake/*.cmake"):
+        text = corrected = path.read_text()
+        for pattern, directory in zip(elsewhere, here, strict=True):
+            corrected = pattern.sub(lambda _, directory=directory: directory, corrected)
+        if corrected != text:
+            path.write_text(corrected)
+
+
+def build_interfaces():
+    """The service types of robot_dynamics_interfaces, compiled and installed into .venv."""
+    remove_installed_interfaces()
+    cmake = VENV / "bin" / "cmake"
+    # Not built inside the checkout: ament_cmake fails where the path of the build folder has a space in it.
+    with tempfile.TemporaryDirectory(prefix="robot_dynamics_interfaces_") as build:
+        run(
+            cmake,
+            *("-S", INTERFACES),
+            *("-B", build),
+            *("-G", "Ninja"),
+            f"-DCMAKE_INSTALL_PREFIX={VENV}",
+            f"-DPython3_EXECUTABLE={PYTHON}",
+            "-DBUILD_TESTING=OFF",
+        )
+        run(cmake, "--build", build)
+        run(cmake, "--install", build)
+        shutil.copy(Path(build, "install_manifest.txt"), INSTALLED_INTERFACES)
+
+
+def remove_installed_interfaces():
+    """Take out what was built before, so that a type that was deleted does not live on."""
+    if INSTALLED_INTERFACES.exists():
+        for line in INSTALLED_INTERFACES.read_text().splitlines():
+            Path(line).unlink(missing_ok=True)
+        INSTALLED_INTERFACES.unlink()
+
+
+def install_project():
+    """robot_dynamics itself, editable: changes of its Python files take effect at once."""
+    run(PYTHON, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "-e", CHECKOUT)
+
+
+def install_colcon():
+    """The build tool of ROS workspaces, for `make colcon`."""
+    pip_install("-r", CHECKOUT / "requirements" / "colcon.in")
+
+
+class Step:
+    """Something to do, and the files that what it makes depends on (folders: all files below them)."""
+
+    def __init__(self, name, announcement, do, *sources):
+        self.name = name
+        self.announcement = announcement
+        self.do = do
+        self.sources = [CHECKOUT / "tools" / "bootstrap.py", *(CHECKOUT / source for source in sources)]
+
+    def fingerprint(self):
+        digest = hashlib.sha256(str(VENV).encode())
+        for source in self.sources:
+            for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
+                if path.is_file() and "__pycache__" not in path.parts:
+                    digest.update(str(path.relative_to(CHECKOUT)).encode() + b"\0")
+                    digest.update(hashlib.sha256(path.read_bytes()).digest())
+        return digest.hexdigest()
+
+
+PACKAGES = Step(
+    "packages",
+    "installing ROS 2 Jazzy and other packages (1.5 GB; a minute or more)",
+    install_packages,
+    "requirements/venv.in",
+    "requirements/constraints.txt",
+)
+INTERFACE_TYPES = Step(
+    "interfaces", "building robot_dynamics_interfaces", build_interfaces, "robot_dynamics_interfaces"
+)
+PROJECT = Step("project", "installing robot_dynamics (editable)", install_project, "setup.py", "setup.cfg")
+COLCON = Step("colcon", "installing colcon", install_colcon, "requirements/colcon.in")
+
+
+# --- Order ----------------------------------------------------------------------------------------------------------
+
+
+def completed_steps(version):
+    """Fingerprints of the steps that are done; none if .venv is broken, or of another Python than `version`."""
+    try:
+        completed = json.loads(COMPLETE.read_text())
+        usable = PYTHON.exists() and version in (None, completed["python"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    return completed if usable else {}
+
+
+def make(steps, version):
+    """Do the steps that are not done."""
+    completed = completed_steps(version)
+    # Only a new list of packages makes the environment anew; the other steps do not depend on one another.
+    if completed.get(PACKAGES.name) != PACKAGES.fingerprint():
+        completed = {}
+    missing = [step for step in steps if completed.get(step.name) != step.fingerprint()]
+    if not missing:
+        return
+    check_machine()
+    for step in missing:
+        say(f"{step.announcement} ...")
+        started = time.monotonic()
+        fingerprint = step.fingerprint()
+        # Not complete from here on: whatever interrupts the step, it is done again.
+        if completed.pop(step.name, None) is not None:
+            record(completed)
+        step.do()
+        completed[step.name] = fingerprint
+        completed.setdefault("python", "{}.{}".format(*sys.version_info[:2]))
+        record(completed)
+        say(f"... took {time.monotonic() - started:.0f} s")
+
+
+def record(completed):
+    """Write .venv/.complete, whole or not at all."""
+    unfinished = COMPLETE.with_suffix(".new")
+    unfinished.write_text(json.dumps(completed, indent=2) + "\n")
+    unfinished.replace(COMPLETE)
+
+
+def say(text):
+    print(f"bootstrap: {text}", flush=True)
+
+
+def locked():
+    """Wait until no other bootstrap is at work in this checkout. The lock ends with its holders, however they end."""
+    file = LOCK.open("w")
+    os.set_inheritable(file.fileno(), True)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        say("waiting for another bootstrap in this checkout ...")
+        fcntl.flock(file, fcntl.LOCK_EX)
+    return file
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Make or bring up to date .venv, the project's environment.")
+    parser.add_argument("--colcon", action="store_true", help="also install colcon")
+    parser.add_argument("--this-python", action="store_true", help="remake .venv if it is of another Python version")
+    options = parser.parse_args()
+    version = "{}.{}".format(*sys.version_info[:2]) if options.this_python else None
+    try:
+        with locked():
+            make([PACKAGES, INTERFACE_TYPES, PROJECT, *([COLCON] if options.colcon else [])], version)
+    except (BootstrapError, OSError, subprocess.CalledProcessError) as error:
+        print(f"bootstrap: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("bootstrap: interrupted; the next run carries on", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
