@@ -13,7 +13,7 @@ import numpy as np
 from robot_dynamics.errors import QuestionError, SingularModelError
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.newton_euler import recursion
-from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling
+from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
@@ -56,6 +56,7 @@ class Dynamics:
     def __init__(self, robot):
         self.robot = robot
         self._S, self._offset, self._independent = coupling(robot)
+        self._projection = projection(self._S, 6 if robot.moving_base else 0)
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
         self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
 
@@ -79,20 +80,22 @@ class Dynamics:
             raise QuestionError("give accelerations or efforts, one of the two: the other is the answer")
         given = self._joints("efforts", efforts) if qdd is None else self._joints("accelerations", qdd)
         state = self._state(q, qd, base, external_wrenches, given)
-        lost = friction(self.robot, state.qd)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        with np.errstate(all="ignore"):  # what is not finite is refused below
+            lost = friction(self.robot, state.qd)
             if qdd is None:
                 efforts = given
                 qdd, base_acceleration, wrenches = self._pushed(state, given - lost @ self._S)
             else:
                 qdd = given
-                forces, base_acceleration, wrenches = self._led(state, self.expand_rates(given))
+                forces, base_acceleration, wrenches = self._led(state, given @ self._S.T)
                 efforts = (forces + lost) @ self._S
+            base_acceleration = state.base.true_acceleration(base_acceleration)
+            reactions = self._in_link_frames(wrenches)
         return Answer(
             _filled(qdd, state.batch),
             _filled(efforts, state.batch),
-            _filled(state.base.true_acceleration(base_acceleration), state.batch) if self.robot.moving_base else None,
-            _filled(self._in_link_frames(wrenches), state.batch, axes=2),
+            _filled(base_acceleration, state.batch) if self.robot.moving_base else None,
+            _filled(reactions, state.batch, axes=2),
         )
 
     def inertia_matrix(self, q):
@@ -100,46 +103,51 @@ class Dynamics:
 
         Source: Khalil, sections 3.3.1 and 7.1.
         """
-        A = inertia_matrix(self.robot, self.expand(self._joints("positions", q)))
-        projection = self._projection()
-        return projection.T @ A @ projection
+        q = self.expand(q)
+        P = self._projection
+        with np.errstate(all="ignore"):
+            return _filled(P.T @ inertia_matrix(self.robot, q) @ P, q.shape[:-1], axes=2)
 
     def gravity(self, q, *, base=None):
         """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
         state = self._state(q, np.zeros(len(self.joint_names)), base)
-        return self._bias(state, np.zeros(6), state.base.at_rest)
+        return self._bias(state, base, np.zeros(6), state.base.at_rest)
 
     def coriolis(self, q, qd, *, base=None):
         """C(q, q̇)q̇ alone (..., n): neither gravity nor friction; with a moving base (..., 6 + n), the base first."""
         state = self._state(q, qd, base)
-        return self._bias(state, state.base.twist, np.zeros(6))
+        return self._bias(state, base, state.base.twist, np.zeros(6))
 
     def friction(self, qd):
         """Viscous and Coulomb friction alone (..., n) [N m or N]; none at rest."""
-        return self.gather_efforts(friction(self.robot, self.expand_rates(self._joints("velocities", qd))))
+        qd = self._joints("velocities", qd)
+        with np.errstate(all="ignore"):
+            return _filled(friction(self.robot, qd @ self._S.T) @ self._S, qd.shape[:-1])
 
     def link_pose(self, name, q, *, base=None):
         """Pose (..., 4, 4) of a link frame in the world, which is frame 0 where the base is fixed."""
-        frame = self.robot.frame(name)
-        R, P = link_placements(self.robot, self.expand(self._joints("positions", q)))[frame.link]
+        frame, state = self.robot.frame(name), self._state(q, np.zeros(len(self.joint_names)), base)
+        R, P = link_placements(self.robot, state.q)[frame.link]
         pose = np.zeros((*np.broadcast_shapes(R.shape[:-2], P.shape[:-1]), 4, 4))
         pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, P, 1
-        return (np.eye(4) if base is None else np.asarray(base.pose)) @ pose @ frame.placement
+        return _filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
 
     def expand(self, q):
         """Positions (..., all joints) of all joints, from those of the independent ones."""
-        return self.expand_rates(q) + self._offset
+        return self._joints("positions", q) @ self._S.T + self._offset
 
     def expand_rates(self, rates):
         """Velocities or accelerations (..., all joints) of all joints, from those of the independent ones."""
-        return rates @ self._S.T
+        return self._joints("rates", rates) @ self._S.T
 
     def gather_efforts(self, efforts):
         """What efforts (..., all joints) amount to on the independent joints (..., n)."""
-        return efforts @ self._S
+        everyone = f"joints ({', '.join(self.all_joint_names)})"
+        return finite("efforts", efforts, len(self.all_joint_names), everyone) @ self._S
 
     def spread_efforts(self, efforts):
         """Efforts (..., all joints) that amount to `efforts` (..., n): nothing on joints that depend on others."""
+        efforts = self._joints("efforts", efforts)
         spread = np.zeros((*efforts.shape[:-1], len(self.all_joint_names)))
         spread[..., self._independent] = efforts
         return spread
@@ -152,7 +160,7 @@ class Dynamics:
         base = base_state(self.robot, base)
         wrenches = link_wrenches(self.robot, external_wrenches)
         batch = common_batch(q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
-        return _State(self.expand(q), self.expand_rates(qd), base, wrenches, batch)
+        return _State(q @ self._S.T + self._offset, qd @ self._S.T, base, wrenches, batch)
 
     def _led(self, state, qdd):
         """Forces of all joints, base acceleration and link wrenches, from the accelerations of all joints."""
@@ -168,7 +176,7 @@ class Dynamics:
         """Accelerations, base acceleration and link wrenches, from forces: efforts less friction."""
         if len(self.joint_names) < len(self.robot.joints):
             qdd = self._pushed_together(state, forces)
-            return qdd, *self._led(state, self.expand_rates(qdd))[1:]
+            return qdd, *self._led(state, qdd @ self._S.T)[1:]
         sweep = sweep_forward(self.robot, state.q, state.qd, state.base.twist, state.wrenches)
         accelerations = [None] * len(self.robot.joints)
         found = recursion.solve(self.robot, sweep, accelerations, _columns(forces), state.base.acceleration)
@@ -196,21 +204,19 @@ class Dynamics:
         folded = found.folded
         for j in range(len(self.robot.joints), 0, -1):
             if folded.resistances[j] is not None:
-                largest = np.diagonal(folded.inertias[j], axis1=-2, axis2=-1).max(axis=-1, keepdims=True)
-                _refuse_singular(folded.resistances[j], largest, f"joint {self.robot.joints[j - 1].name!r}")
+                joint = self.robot.joints[j - 1]
+                # kg beside kg where the joint moves along its axis, kg m² beside kg m² where it turns about it
+                alike = slice(0, 3) if joint.prismatic else slice(3, 6)
+                diagonal = np.diagonal(folded.inertias[j][..., alike, alike], axis1=-2, axis2=-1)
+                _refuse_singular(folded.resistances[j], diagonal.max(axis=-1, keepdims=True), f"joint {joint.name!r}")
         for k, pivot in enumerate(found.base_pivots):
             _refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
 
-    def _bias(self, state, twist, acceleration):
-        H = bias(self.robot, state.q, state.qd, twist, acceleration)
-        return _filled(H @ self._projection(), state.batch)
-
-    def _projection(self):
-        """From rows of all joints to rows of the independent ones, those of a moving base kept."""
-        base = 6 if self.robot.moving_base else 0
-        projection = np.eye(base + self._S.shape[0], base + self._S.shape[1])
-        projection[base:, base:] = self._S
-        return projection
+    def _bias(self, state, base, twist, acceleration):
+        if base is not None and base.acceleration is not None:
+            raise QuestionError("the acceleration of the base has no part in this term: leave it out of Base")
+        with np.errstate(all="ignore"):
+            return _filled(bias(self.robot, state.q, state.qd, twist, acceleration) @ self._projection, state.batch)
 
     def _in_link_frames(self, wrenches):
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""
@@ -239,11 +245,21 @@ def _columns(array):
 
 
 def _filled(array, batch, axes=1):
-    """A new array with the whole batch shape in front of the last axes."""
-    return np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
+    """A new array with the whole batch shape in front of the last axes. Refuses what is not finite."""
+    filled = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
+    if not np.isfinite(filled).all():
+        sample = tuple(int(index) for index in np.argwhere(~np.isfinite(filled))[0][: len(batch)])
+        _overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
+    return filled
+
+
+def _overflow(where=""):
+    raise QuestionError(f"the answer{where} is no finite number: something that is asked, or the robot, is too large")
 
 
 def _refuse_singular(pivot, scale, name):
+    if np.isnan(pivot).any():
+        _overflow()
     if not np.all(pivot > SINGULAR * np.abs(scale)):
         raise SingularModelError(
             f"direct model: nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "

@@ -21,7 +21,7 @@ class SingularModelError(RobotDynamicsError):
 
 def unknown_name(kind, name, known):
     """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
-    known = list(known)
-    close = get_close_matches(str(name), known, n=3)
+    name, known = str(name)[:100], list(known)
+    close = get_close_matches(name, known, n=3)
     hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are {', '.join(known[:40]) or 'none'}"
     return f"unknown {kind} {name!r}: {hint}"

@@ -1,5 +1,6 @@
 """What is asked of a robot, checked once: shapes, names and numbers; and its conversion to what the recursions take."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +28,11 @@ class Base:
 class BaseState:
     """The base as the recursions take it, fixed or moving.
 
-    gravity: (..., 3) in frame 0; twist: (..., 6); acceleration: (..., 6) with gravity taken off, None if unknown.
+    pose: (..., 4, 4); gravity: (..., 3) in frame 0; twist: (..., 6); acceleration: (..., 6) with gravity taken off,
+    None if unknown.
     """
 
+    pose: np.ndarray
     gravity: np.ndarray
     twist: np.ndarray
     acceleration: np.ndarray | None
@@ -47,9 +50,14 @@ class BaseState:
 def finite(what, values, size, of_what):
     """An array of floats (..., size), all finite. Raises QuestionError saying which is not."""
     try:
-        array = np.asarray(values, dtype=float)
+        array = np.asarray(values.filled(np.nan) if isinstance(values, np.ma.MaskedArray) else values)
     except (TypeError, ValueError):
-        raise QuestionError(f"{what}: an array of numbers (..., {size}) is needed, not {_short(values)}") from None
+        array = np.asarray("ragged")
+    if array.dtype.kind not in "biuf":
+        told = repr(values)
+        told = told if len(told) < 80 else told[:77] + "..."
+        raise QuestionError(f"{what}: an array of numbers (..., {size}) is needed, not {told}")
+    array = array.astype(float, copy=False)
     if array.ndim == 0 or array.shape[-1] != size:
         raise QuestionError(
             f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {of_what}"
@@ -61,39 +69,37 @@ def finite(what, values, size, of_what):
     return array
 
 
-def _short(values):
-    text = repr(values)
-    return text if len(text) < 80 else text[:77] + "..."
-
-
 def base_state(robot, base):
     """The BaseState of a Base, or of a base that is fixed."""
     if not robot.moving_base:
         if base is not None:
             raise QuestionError(f"the base of {robot.name!r} is fixed: it has no state to be given")
-        return BaseState(robot.gravity, np.zeros(6), _at_rest(robot.gravity))
-    if base is None:
-        raise QuestionError(f"the base of {robot.name!r} moves: give its pose and twist, base=Base(pose, twist)")
-    gravity = apply_transposed(_rotation(base.pose), robot.gravity)
+        return BaseState(np.eye(4), robot.gravity, np.zeros(6), _at_rest(robot.gravity))
+    if not isinstance(base, Base):
+        given = type(base).__name__
+        raise QuestionError(f"the base of {robot.name!r} moves: give its state, base=Base(pose, twist), not {given}")
+    pose = _checked_pose(base.pose)
+    gravity = apply_transposed(pose[..., :3, :3], robot.gravity)
     twist = finite("twist of the base", base.twist, 6, "linear and angular components")
     if base.acceleration is None:
-        return BaseState(gravity, twist, None)
+        return BaseState(pose, gravity, twist, None)
     acceleration = finite("acceleration of the base", base.acceleration, 6, "linear and angular components")
-    return BaseState(gravity, twist, acceleration + _at_rest(gravity))
+    return BaseState(pose, gravity, twist, acceleration + _at_rest(gravity))
 
 
 def _at_rest(gravity):
     return np.concatenate([-gravity, np.zeros_like(gravity)], axis=-1)
 
 
-def _rotation(pose):
+def _checked_pose(pose):
     pose = finite("pose of the base", pose, 4, "columns")
     if pose.ndim < 2 or pose.shape[-2] != 4:
         raise QuestionError(f"pose of the base has shape {pose.shape}: homogeneous matrices (..., 4, 4) are needed")
-    R = pose[..., :3, :3]
-    if np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max() > 1e-6 or (np.linalg.det(R) < 0).any():
-        raise QuestionError("pose of the base: its upper left 3 × 3 block is not a rotation")
-    return R
+    R, last = pose[..., :3, :3], pose[..., 3, :]
+    skewed = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0) > 1e-6
+    if skewed or (np.linalg.det(R) < 0).any() or (last != (0, 0, 0, 1)).any():
+        raise QuestionError("pose of the base is no homogeneous matrix [rotation, position; 0, 0, 0, 1]")
+    return pose
 
 
 def link_wrenches(robot, external_wrenches):
@@ -102,6 +108,8 @@ def link_wrenches(robot, external_wrenches):
     Users say what the environment does to a link, in its own link frame; Khalil's f_e is what the link does to the
     environment, in frame j. Wrenches on frames of the same link add up.
     """
+    if not isinstance(external_wrenches, Mapping | None):
+        raise QuestionError("external_wrenches: a mapping {link name: (..., 6)} is needed")
     converted = {}
     for name, wrench in (external_wrenches or {}).items():
         frame = robot.frame(name)

@@ -261,7 +261,10 @@ def test_robot_without_joints_is_a_free_rigid_body():
         nothing, nothing, efforts=nothing, base=base, external_wrenches={"base_link": [0, 0, 50, 0, 0, 0]}
     )
     assert answer.accelerations.shape == (3, 0)
-    assert answer.base_acceleration[0, 2] > -9.81
+    mass = dynamics.robot.links[0].inertia.mass
+    offset = dynamics.robot.links[0].inertia.first_moments[:2] / mass
+    assert np.abs(offset).max() < 1e-9, "the push goes through the centre of mass"
+    np.testing.assert_allclose(answer.base_acceleration, [[0, 0, 50 / mass - 9.81, 0, 0, 0]] * 3, atol=1e-12)
 
 
 HOLLOW = """<robot name="hollow"><link name="base"/><link name="a">{}</link><link name="b">{}</link>
@@ -318,6 +321,18 @@ Q = np.zeros(8)
         (lambda d: d.inertia_matrix([np.nan] * 8), "positions"),
         (lambda d: d.friction(Q[:1]), "velocities"),
         (lambda d: d.link_pose("nowhere", Q), "unknown link 'nowhere'"),
+        (lambda d: d.link_pose("panda_hand", Q, base=Base()), "is fixed"),
+        (lambda d: d.expand(Q[:5]), "positions has shape"),
+        (lambda d: d.spread_efforts(Q[:5]), "efforts has shape"),
+        (lambda d: d.gather_efforts(Q), r"efforts has shape \(8,\): \(\.\.\., 9\)"),
+        (lambda d: d.inverse([10**400, *Q[1:]], Q, Q), "positions: an array of numbers"),
+        (lambda d: d.inverse(Q + 1j, Q, Q), "positions: an array of numbers"),
+        (lambda d: d.inverse(["1"] * 8, Q, Q), "positions: an array of numbers"),
+        (lambda d: d.inverse(np.ma.masked_equal(np.arange(8.0), 3), Q, Q), r"positions\[3\] is nan"),
+        (lambda d: d.inverse(Q, Q, Q, external_wrenches=[("panda_link8", np.ones(6))]), "a mapping"),
+        (lambda d: d.inverse(Q, Q + 1e200, Q), "the answer is no finite number"),
+        (lambda d: d.direct(np.zeros((2, 8)), Q, [[0] * 8, [1e308] * 8]), "the answer.* is no finite number"),
+        (lambda d: d.coriolis(np.zeros((2, 8)), [[0] * 8, [1e200] * 8]), "answer at sample 1 is no finite"),
     ],
 )
 def test_question_that_does_not_fit_is_refused_with_a_reason(panda, ask, reason):
@@ -325,14 +340,24 @@ def test_question_that_does_not_fit_is_refused_with_a_reason(panda, ask, reason)
         ask(panda)
 
 
+def test_acceleration_of_the_base_has_no_part_in_the_terms():
+    dynamics = tree(1, moving_base=True)
+    zero = np.zeros(len(dynamics.joint_names))
+    for term in (lambda base: dynamics.gravity(zero, base=base), lambda base: dynamics.coriolis(zero, zero, base=base)):
+        with pytest.raises(QuestionError, match="has no part in this term"):
+            term(Base(acceleration=np.zeros(6)))
+
+
 @pytest.mark.parametrize(
     ("base", "reason"),
     [
-        (None, "the base of .* moves: give its pose"),
+        (None, "the base of .* moves: give its state"),
         (Base(twist=[0, 0, 0]), "twist of the base has shape"),
         (Base(pose=np.eye(3)), "pose of the base has shape"),
-        (Base(pose=np.diag([2, 1, 1, 1])), "not a rotation"),
-        (Base(pose=np.diag([1, 1, -1, 1])), "not a rotation"),
+        (Base(pose=np.diag([2, 1, 1, 1])), "no homogeneous matrix"),
+        (Base(pose=np.diag([1, 1, -1, 1])), "no homogeneous matrix"),
+        (Base(pose=np.diag([1, 1, 1, 2])), "no homogeneous matrix"),
+        (np.eye(4), "not ndarray"),
         (Base(pose=np.full((4, 4), np.nan)), "pose of the base"),
         (Base(acceleration=[np.nan] * 6), "acceleration of the base"),
     ],

@@ -120,6 +120,48 @@ def test_rotor_inertia_agrees_with_pinocchio_armature(name):
     check_against_pinocchio(urdf, False, seed=3, rotor_inertias=np.random.default_rng(3).uniform(0.01, 2, joints))
 
 
+@pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
+@pytest.mark.parametrize("robot", ["panda", "talos", "anymal_c", *range(20)])
+def test_reactions_and_link_poses_agree_with_pinocchio(robot, moving_base):
+    urdf = random_urdf(robot) if isinstance(robot, int) else real_urdf(robot)
+    model = read_urdf(urdf, moving_base=moving_base)
+    dynamics = Dynamics(model)
+    peer = PinocchioModel(urdf, dynamics.all_joint_names, moving_base)
+    S, offset = independent_joints(urdf, dynamics.all_joint_names)
+    states = random_states(model, S.shape[1], 5, seed=9)
+    answer = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=states.base, external_wrenches=states.wrenches)
+    links = [link.name for link in model.links[1:]]
+    poses = {frame.name: dynamics.link_pose(frame.name, states.q, base=states.base) for frame in model.frames}
+    for k in range(5):
+        q, qd, qdd, (pose, twist) = S @ states.q[k] + offset, S @ states.qd[k], S @ states.qdd[k], states.base_of(k)
+        base = () if answer.base_acceleration is None else answer.base_acceleration[k]
+        expected = peer.reactions(q, qd, qdd, links, pose, twist, base, states.wrenches_of(k))
+        assert relative_error(answer.reactions[k, 1:], expected) < TOLERANCE
+        for name, found in poses.items():
+            np.testing.assert_allclose(found[k], peer.link_pose(name, q, pose), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["panda", "talos"])
+def test_joints_that_depend_on_others_on_a_base_moved_as_told(name):
+    urdf = real_urdf(name)
+    robot = read_urdf(urdf, moving_base=True)
+    dynamics = Dynamics(robot)
+    peer = PinocchioModel(urdf, dynamics.all_joint_names, True)
+    S, offset = independent_joints(urdf, dynamics.all_joint_names)
+    states = random_states(robot, S.shape[1], STATES, seed=6)
+    told = np.random.default_rng(6).uniform(-3, 3, (STATES, 6))
+    base = Base(states.base.pose, states.base.twist, told)
+    answer = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=base, external_wrenches=states.wrenches)
+    pushed = dynamics.direct(states.q, states.qd, answer.efforts, base=base, external_wrenches=states.wrenches)
+    for k in range(STATES):
+        q, qd = S @ states.q[k] + offset, S @ states.qd[k]
+        A, H = peer.inertia_matrix(q), peer.bias(q, qd, *states.base_of(k), states.wrenches_of(k))
+        rows = A @ np.r_[told[k], S @ states.qdd[k]] + H
+        assert relative_error(answer.reactions[k, 0], rows[:6]) < TOLERANCE
+        assert relative_error(answer.efforts[k] - dynamics.friction(states.qd[k]), S.T @ rows[6:]) < TOLERANCE
+        assert relative_error(pushed[k], states.qdd[k]) < TOLERANCE * max(1, np.linalg.cond(A) / 1e5)
+
+
 def test_given_base_acceleration_is_kept_and_its_wrench_is_the_first_reaction():
     """Moved as told, the base needs the wrench that Pinocchio's rnea gives in its first six rows."""
     urdf = real_urdf("anymal_c")

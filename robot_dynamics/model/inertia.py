@@ -5,11 +5,18 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_dynamics.errors import DescriptionError
+
+# descriptions print few digits: a flat plate of which each moment is rounded may miss the triangle inequality by this
+ROUNDED = 1e-3
+
 
 def skew(vector):
-    """The matrix (3, 3) of the vector product: skew(a) @ b = a × b."""
-    x, y, z = vector
-    return np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    """The matrices (..., 3, 3) of the vector product with `vector` (..., 3): skew(a) @ b = a × b."""
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,6 +24,8 @@ class Inertia:
     """The ten standard inertial parameters of a body, about the origin of its frame and along its axes.
 
     mass: M [kg]. first_moments: MS = M·c (3,) [kg m], c the centre of mass. second_moments: J (3, 3) [kg m²].
+
+    Raises DescriptionError for another shape, for what is no number, and for a J that is not symmetric.
     """
 
     mass: float = 0.0
@@ -24,8 +33,18 @@ class Inertia:
     second_moments: np.ndarray = ((0.0,) * 3,) * 3
 
     def __post_init__(self):
-        for name in ("first_moments", "second_moments"):
-            object.__setattr__(self, name, np.array(getattr(self, name)))
+        for name, shape in (("mass", ()), ("first_moments", (3,)), ("second_moments", (3, 3))):
+            try:
+                value = np.array(getattr(self, name))
+            except ValueError:
+                value = np.array("ragged")
+            if value.shape != shape or value.dtype.kind not in "biufO":  # O: symbols
+                raise DescriptionError(f"{name} of an inertia is {getattr(self, name)!r}: numbers {shape} are needed")
+            if name != "mass":
+                object.__setattr__(self, name, value)
+        J = self.second_moments
+        if J.dtype != object and np.abs(J - J.T).max() > 1e-9 * np.abs(J).max():
+            raise DescriptionError(f"second_moments of an inertia are {J.tolist()}: a symmetric matrix is needed")
 
     @classmethod
     def about_centre_of_mass(cls, mass, inertia, frame):
@@ -69,12 +88,11 @@ class Inertia:
             return []
         offset = skew(self.first_moments / self.mass)
         central = self.second_moments + self.mass * offset @ offset
-        # moments are judged against the size of what was subtracted, so that rounding is no objection
-        tolerance = 1e-9 * max(np.abs(central).max(), 1e-3 * np.abs(self.second_moments).max())
+        rounding = 1e-12 * max(np.abs(central).max(), np.abs(self.second_moments).max())
         smallest, middle, largest = np.linalg.eigvalsh(central)
         moments = f"principal moments about the centre of mass {smallest:.4g}, {middle:.4g}, {largest:.4g} kg m²"
-        if smallest < -tolerance:
+        if smallest < -rounding:
             return [f"inertia is not positive definite: {moments}"]
-        if largest > smallest + middle + tolerance:
+        if largest > (smallest + middle) * (1 + ROUNDED) + rounding:
             return [f"inertia violates the triangle inequality: {moments}"]
         return []

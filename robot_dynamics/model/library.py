@@ -20,7 +20,10 @@ def load_robot(description, *, moving_base=None, gravity=EARTH, strict=False):
 
     Raises DescriptionError.
     """
-    text, source = find_description(description)
+    if isinstance(description, bytes) or (isinstance(description, str) and "<" in description):
+        text, source = description, "description"
+    else:
+        text, source = read_file(description)
     robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
     if strict:
         robot.refuse_doubtful()
@@ -29,26 +32,30 @@ def load_robot(description, *, moving_base=None, gravity=EARTH, strict=False):
     return robot
 
 
-def find_description(description):
-    """(text, what to call it) of a description given as text, as a path or as the name of a robot that ships."""
-    if isinstance(description, bytes) or "<" in str(description):
-        return description, "description"
-    if not str(description).strip():
-        raise DescriptionError("the description is empty: a URDF, its path or the name of a robot that ships is needed")
+def read_file(name):
+    """(content in bytes, what to call it) of a path, or of the name of a robot that ships."""
+    if not isinstance(name, str | Path) or not str(name).strip():
+        what = "empty" if isinstance(name, str) else f"{name!r}"
+        raise DescriptionError(
+            f"the description is {what}: the text of a URDF, its path or the name of a robot that ships is needed"
+        )
     shipped = shipped_robots()
-    path = shipped.get(str(description), Path(description))
+    path = shipped.get(str(name), Path(name))
+    told = repr(str(path)[:200])
     try:
-        if path.stat().st_size > LARGEST_DESCRIPTION:
-            raise DescriptionError(
-                f"{path} has {path.stat().st_size} bytes: a description has {LARGEST_DESCRIPTION} at most"
-            )
-        return path.read_bytes(), str(path)
+        if path.exists() and not path.is_file():
+            raise DescriptionError(f"{told} is no file")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_DESCRIPTION + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise DescriptionError(
-            f"{str(description)[:200]!r} cannot be read as a file ({reason}), and no robot of that name ships: "
-            f"{unknown_name('robot', str(description)[:200], shipped)}"
+            f"{told} cannot be read as a file ({reason}), and no robot of that name ships: "
+            f"{unknown_name('robot', name, shipped)}"
         ) from None
+    if len(content) > LARGEST_DESCRIPTION:
+        raise DescriptionError(f"{told} is larger than a description may be: {LARGEST_DESCRIPTION} bytes at most")
+    return content, str(path)
 
 
 def shipped_robots():

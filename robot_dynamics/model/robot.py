@@ -4,6 +4,7 @@ Link 0 is the base. Joint j moves link j, and a(j) < j is its antecedent. Frame 
 axis of joint j. The links of the description, each in the frame that its author gave it, stay known as named frames.
 """
 
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -91,28 +92,37 @@ class Robot:
     gravity: np.ndarray = EARTH
 
     def __post_init__(self):
-        object.__setattr__(self, "gravity", np.array(self.gravity, dtype=float))
-        if self.gravity.shape != (3,) or not np.isfinite(self.gravity).all():
-            raise DescriptionError(f"gravity is {self.gravity}: three finite numbers [m/s²] are needed")
+        self._check_gravity_and_base()
         if len(self.links) != len(self.joints) + 1:
             raise DescriptionError(f"{len(self.joints)} joints move {len(self.links)} links: one link more is needed")
-        for number, joint in enumerate(self.joints, start=1):
-            if not 0 <= joint.antecedent < number:
-                raise DescriptionError(
-                    f"joint {joint.name!r} moves link {number} but hangs on link {joint.antecedent}: "
-                    "a link comes after its antecedent"
-                )
         for kind, items in (("joint", self.joints), ("frame", self.frames)):
-            names = [item.name for item in items]
-            repeated = sorted({name for name in names if names.count(name) > 1}) if len(set(names)) < len(names) else []
-            if repeated:
-                raise DescriptionError(f"{kind} {repeated[0]!r} is there more than once: names must differ")
+            (repeated, times), *_ = [*Counter(item.name for item in items).most_common(1), ("", 1)]
+            if times > 1:
+                raise DescriptionError(f"{kind} {repeated!r} is there more than once: names must differ")
+        for number, joint in enumerate(self.joints, start=1):
+            _check_joint(number, joint)
         for link in self.links:
             if not link.inertia.is_finite:
                 raise DescriptionError(f"link {link.name!r}: its inertia has an entry that is not a finite number")
             if link.inertia.mass < 0:
                 raise DescriptionError(f"link {link.name!r}: mass {link.inertia.mass:g} kg is negative")
+            if link.name not in self.frames_by_name:
+                raise DescriptionError(f"link {link.name!r} is no frame: every link is known as one")
+        for frame in self.frames:
+            if not 0 <= frame.link < len(self.links):
+                raise DescriptionError(f"frame {frame.name!r} is on link {frame.link}, of 0 to {len(self.links) - 1}")
         _ = self.leaders
+
+    def _check_gravity_and_base(self):
+        try:
+            gravity = np.array(self.gravity, dtype=float)
+        except (TypeError, ValueError):
+            gravity = np.zeros(0)
+        if gravity.shape != (3,) or not np.isfinite(gravity).all():
+            raise DescriptionError(f"gravity is {self.gravity!r}: three finite numbers [m/s²] are needed")
+        object.__setattr__(self, "gravity", gravity)
+        if not isinstance(self.moving_base, bool | np.bool_):
+            raise DescriptionError(f"moving_base is {self.moving_base!r}: True or False is needed")
 
     @property
     def base_link(self):
@@ -162,17 +172,38 @@ class Robot:
 
         The inertia of a base that does not move counts nowhere and is not judged.
         """
-        carried = [link.inertia.mass for link in self.links]
-        for number, joint in reversed(list(enumerate(self.joints, start=1))):
-            carried[joint.antecedent] += carried[number]
-        found = []
-        for number in range(0 if self.moving_base else 1, len(self.links)):
-            link = self.links[number]
-            found += [f"link {link.name!r}: {objection}" for objection in link.inertia.objections()]
-            if carried[number] == 0 and (number == 0 or self.joints[number - 1].rotor_inertia == 0):
-                moved = f"joint {self.joints[number - 1].name!r} moves" if number else "the moving base carries"
-                found.append(f"link {link.name!r}: {moved} no mass at all, so the direct model has no answer")
+        judged = self.links if self.moving_base else self.links[1:]
+        found = [f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.objections()]
+        if self.moving_base and not any(link.inertia.mass for link in self.links):
+            found.append("the moving base and all that it carries have no mass, so no model has an answer")
+        resisted = self._resisted
+        for number, (leader, _, _) in enumerate(self.leaders):
+            if leader == number and not resisted[number]:
+                found.append(
+                    f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
+                    "inertia, so the direct model has no answer"
+                )
         return tuple(found)
+
+    @property
+    def _resisted(self):
+        """For each joint, whether something that it moves, or that moves with it, has inertia.
+
+        At the end of a branch it must be inertia along the axis itself; further down any will do, as what it comes to
+        along the axis depends on where the joints are.
+        """
+        last = set(range(1, len(self.links))) - {joint.antecedent for joint in self.joints}
+        heavy = [bool(np.any(link.inertia.spatial)) for link in self.links]
+        for number in last:
+            diagonal = np.diagonal(self.links[number].inertia.spatial)
+            along = diagonal[2 if self.joints[number - 1].prismatic else 5]
+            heavy[number] = bool(along > 1e-12 * diagonal.max())
+        resisted = [False] * len(self.joints)
+        for number in range(len(self.joints), 0, -1):
+            joint = self.joints[number - 1]
+            resisted[self.leaders[number - 1][0]] |= heavy[number] or joint.rotor_inertia > 0
+            heavy[joint.antecedent] |= heavy[number] or bool(np.any(self.links[number].inertia.spatial))
+        return resisted
 
     def refuse_doubtful(self):
         """Raise DescriptionError where there are `warnings`."""
@@ -185,6 +216,8 @@ class Robot:
         Raises QuestionError for an unknown link, a negative mass or a number that is not finite.
         """
         frame = self.frame(name)
+        if not isinstance(inertia, Inertia):
+            raise QuestionError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
         if not inertia.is_finite or inertia.mass < 0:
             raise QuestionError(
                 f"payload on link {name!r} has mass {inertia.mass:g} kg and moments {inertia.first_moments}, "
@@ -194,3 +227,29 @@ class Robot:
         carrier = links[frame.link]
         links[frame.link] = replace(carrier, inertia=carrier.inertia + inertia.seen_from(frame.placement))
         return replace(self, links=tuple(links))
+
+
+def _check_joint(number, joint):
+    """Refuse a joint that moves link `number` but could not."""
+    if not 0 <= joint.antecedent < number:
+        raise DescriptionError(
+            f"joint {joint.name!r} moves link {number} but hangs on link {joint.antecedent}: "
+            "a link comes after its antecedent"
+        )
+    mimic = joint.mimic or Mimic("")
+    numbers = {
+        "placement": joint.placement,
+        "rotor_inertia": joint.rotor_inertia,
+        "viscous_friction": joint.viscous_friction,
+        "coulomb_friction": joint.coulomb_friction,
+        "multiplier": mimic.multiplier,
+        "offset": mimic.offset,
+    }
+    for name, value in numbers.items():
+        value = np.asarray(value)
+        if value.dtype == object:  # symbols have no value yet
+            continue
+        if not np.isfinite(value).all():
+            raise DescriptionError(f"joint {joint.name!r}: {name} is not finite")
+        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction")):
+            raise DescriptionError(f"joint {joint.name!r}: {name} {value:g} is negative, it would drive the joint")

@@ -12,12 +12,15 @@ from robot_dynamics.model.placement import inverse, placement, rotation_with_z_a
 from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot
 from robot_dynamics.model.urdf_document import check_urdf, parse_urdf_text
 
+MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
+
 
 def read_urdf(text, *, source="URDF", moving_base=None, gravity=EARTH):
     """Read a robot from the text of a URDF (str or bytes).
 
-    source: what to call the description in errors. moving_base: whether the base is free to move; None: it is where
-    the root of the tree floats (a joint of type floating leaves the root link). gravity: (3,) [m/s²], in the world.
+    source: what to call the description in errors. gravity: (3,) [m/s²], in the world. moving_base: whether the base is
+    free to move; None: it is where a joint of type floating leaves the root link. The base is then the link that
+    floats, whose pose in the world is what the joint leaves open; held fixed, it stands where the joint's origin says.
 
     The variable of each joint keeps URDF's sign and zero. Meshes are never loaded. Raises DescriptionError.
     """
@@ -52,11 +55,15 @@ class _Builder:
         raise DescriptionError(f"{self.source}: {message}")
 
     def build(self, moving_base, gravity):
-        base, floats = self._base()
+        root = self._root()
+        floating = self._floating_joint(root)
+        if moving_base is None:
+            moving_base = floating is not None
+        base = floating.child if floating is not None and moving_base else root
         self.names, self.inertias, self.joints, self.frames = [base], [Inertia()], [], []
         self._walk(base)
         try:
-            return self._robot(floats if moving_base is None else moving_base, gravity)
+            return self._robot(moving_base, gravity)
         except DescriptionError as error:
             self._fail(error)
 
@@ -70,26 +77,33 @@ class _Builder:
             gravity=gravity,
         )
 
-    def _base(self):
-        """The link that becomes link 0, and whether it floats."""
+    def _root(self):
+        """The one link that is nobody's child."""
+        moving = sum(joint.type != "fixed" for joint in self.description.joints)
+        if moving > MOST_JOINTS:
+            self._fail(f"{moving} moving joints are more than are read: {MOST_JOINTS} at most")
         roots = [name for name in self.joints_from if name not in self.joint_to]
         if not roots:
             self._fail("every link is the child of a joint, so the joints close a cycle: one link must be the root")
         if len(roots) > 1:
             self._fail(f"links {' and '.join(map(repr, roots[:5]))} are all roots: every link but one needs a parent")
         self._check_reached(roots[0])
-        for joint in self.description.joints:
-            if joint.type == "floating" and joint.parent != roots[0]:
+        return roots[0]
+
+    def _floating_joint(self, root):
+        """The floating joint that leaves the root, None where there is none."""
+        floating = [joint for joint in self.description.joints if joint.type == "floating"]
+        for joint in floating:
+            if joint.parent != root:
                 self._fail(f"joint {joint.name!r} is floating inside the tree: only a joint at the root can be")
-        leaving = self.joints_from[roots[0]]
-        if not any(joint.type == "floating" for joint in leaving):
-            return roots[0], False
-        if len(leaving) > 1 or self.inertials[roots[0]] is not None:
+        if not floating:
+            return None
+        if len(self.joints_from[root]) > 1 or self.inertials[root] is not None:
             self._fail(
-                f"joint {leaving[0].name!r} floats but link {roots[0]!r} carries more: "
+                f"joint {floating[0].name!r} floats but link {root!r} carries more: "
                 "a link that a floating joint leaves is the world, without mass and other joints"
             )
-        return leaving[0].child, True
+        return floating[0]
 
     def _check_reached(self, root):
         reached, front = set(), [root]
@@ -110,7 +124,7 @@ class _Builder:
             branches = []
             for joint in self.joints_from[name]:
                 placed = frame @ (np.eye(4) if joint.origin is None else joint.origin)
-                if joint.type == "fixed":
+                if joint.type in ("fixed", "floating"):  # what floats from the base has been told to stand
                     branches.append((joint.child, body, placed))
                 else:
                     turn = placement(rotation_with_z_along(joint.axis))
@@ -129,6 +143,9 @@ class _Builder:
 
     def _joint(self, joint, antecedent, placed):
         limit, dynamics, mimic = joint.limit, joint.dynamics, joint.mimic
+        leaders = {other.name: other.type for other in self.description.joints} if mimic else {}
+        if mimic and leaders.get(mimic.joint) in ("fixed", "floating"):
+            self._fail(f"joint {joint.name!r} mimics joint {mimic.joint!r}, which is {leaders[mimic.joint]}")
         bounds = {} if limit is None else {key: getattr(limit, key) for key in ("lower", "upper", "velocity", "effort")}
         if joint.type == "continuous":
             bounds.pop("lower", None), bounds.pop("upper", None)

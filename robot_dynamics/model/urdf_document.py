@@ -14,7 +14,14 @@ from robot_dynamics.errors import DescriptionError, unknown_name
 LARGEST_DESCRIPTION = 10 * 1024 * 1024  # characters; the largest real descriptions have half a million
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating")
-SHAPES_AND_COLOURS = ("visual", "collision", "material")  # the dynamics have no use for them, nor for any mesh
+# what the dynamics have a use for; the rest (shapes, colours, controllers, simulators) is taken out unread
+USED = {
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass", "inertia"),
+    "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+    "fixed joint": ("parent", "child", "origin"),
+}
 
 
 def parse_urdf_text(text, source):
@@ -34,11 +41,22 @@ def parse_urdf_text(text, source):
     except (etree.XMLSyntaxError, ValueError) as error:
         raise DescriptionError(f"{source} is not well-formed XML: {error}") from None
     if root.tag != "robot":
+        if etree.QName(root).namespace is not None and etree.QName(root).localname == "robot":
+            raise DescriptionError(f"{source}: <robot> has a namespace of its own. Remove its attribute xmlns")
         raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
     refuse_unexpanded(root, source)
-    for element in root.xpath("|".join(f"//{tag}" for tag in SHAPES_AND_COLOURS)):
-        element.getparent().remove(element)
+    keep_used(root, "robot")
     return root
+
+
+def keep_used(element, kind):
+    """Take out of an element all that the dynamics have no use for."""
+    for child in list(element):
+        if child.tag not in USED[kind]:
+            element.remove(child)
+        elif child.tag in USED:
+            fixed = child.tag == "joint" and child.get("type") in ("fixed", "floating")
+            keep_used(child, "fixed joint" if fixed else child.tag)
 
 
 def decode(text, source):
@@ -54,7 +72,7 @@ def decode(text, source):
             encoding = "utf-16"
         try:
             text = text.decode(encoding)
-        except (UnicodeDecodeError, LookupError) as error:
+        except (UnicodeError, LookupError) as error:
             raise DescriptionError(f"{source} cannot be decoded: {error}. Save it as UTF-8") from None
     text = text.removeprefix("\ufeff")
     if not text.strip():
@@ -119,13 +137,12 @@ def named(root, tag, fail):
 
 
 def check_inertial(name, link, fail):
-    inertials = link.findall("inertial")
-    if not inertials:
-        return
-    if len(inertials) > 1:
-        fail(inertials[1], f"link {name!r} has a second <inertial>: one says all, add them up")
-    (inertial,) = inertials
     owner = f"link {name!r}"
+    refuse_second(link, owner, fail)
+    inertial = link.find("inertial")
+    if inertial is None:
+        return
+    refuse_second(inertial, owner, fail)
     check_origin(inertial, owner, fail)
     for tag, attributes in (("mass", ("value",)), ("inertia", ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))):
         element = inertial.find(tag)
@@ -141,6 +158,7 @@ def check_inertial(name, link, fail):
 
 def check_joint(name, joint, links, fail):
     owner, kind = f"joint {name!r}", joint.get("type")
+    refuse_second(joint, owner, fail)
     if kind not in JOINT_TYPES:
         fail(joint, f"{owner} has type {kind!r}: known are {', '.join(JOINT_TYPES)}")
     for tag in ("parent", "child"):
@@ -151,12 +169,12 @@ def check_joint(name, joint, links, fail):
             fail(element, f"{owner}, {tag}: {unknown_name('link', element.get('link'), links)}")
     check_origin(joint, owner, fail)
     axis = joint.find("axis")
-    if axis is not None and kind not in ("fixed", "floating"):
+    if axis is not None:
         if axis.get("xyz") is None:
             fail(axis, f"{owner}: <axis> lacks xyz")
         check_numbers(axis, "xyz", 3, owner, fail)
-        if math.hypot(*map(float, axis.get("xyz").split())) < 1e-6:
-            fail(axis, f"{owner}: axis {axis.get('xyz')!r} has no direction")
+        if not 1e-6 < math.hypot(*map(float, axis.get("xyz").split())) < 1e6:
+            fail(axis, f"{owner}: axis {axis.get('xyz')!r} has no direction, or is far from a unit vector")
     for tag, attributes in (
         ("limit", ("lower", "upper", "velocity", "effort")),
         ("dynamics", ("damping", "friction")),
@@ -174,6 +192,15 @@ def check_joint(name, joint, links, fail):
         fail(mimic, f"{owner}: <mimic> does not say which joint")
 
 
+def refuse_second(element, owner, fail):
+    """Refuse two children of the same tag: a reader would take one and drop the other."""
+    seen = set()
+    for child in element:
+        if child.tag in seen:
+            fail(child, f"{owner} has a second <{child.tag}>: one is right")
+        seen.add(child.tag)
+
+
 def check_origin(parent, owner, fail):
     origin = parent.find("origin")
     for attribute in ("xyz", "rpy") if origin is not None else ():
@@ -189,7 +216,7 @@ def check_numbers(element, attribute, count, owner, fail, finite=True):
         numbers = [float(word) for word in text.split()]
     except ValueError:
         numbers = []
-    if len(numbers) != count or "_" in text or any(map(math.isnan, numbers)):
+    if len(numbers) != count or "_" in text or not text.isascii() or any(map(math.isnan, numbers)):
         need = "a number is" if count == 1 else f"{count} numbers are"
         fail(element, f"{owner}: <{element.tag}> has {attribute}={text[:60]!r}, {need} needed")
     if finite and not all(map(math.isfinite, numbers)):

@@ -10,11 +10,19 @@ def coupling(robot):
     """(S, offset, independent): (joints, m) and (joints,), and the numbers of the m joints that depend on no other."""
     joints = len(robot.joints)
     independent = [number for number, (leader, _, _) in enumerate(robot.leaders) if leader == number]
+    column = {number: place for place, number in enumerate(independent)}
     S, offset = np.zeros((joints, len(independent))), np.zeros(joints)
     for number, (leader, multiplier, shift) in enumerate(robot.leaders):
-        S[number, independent.index(leader)] = multiplier
+        S[number, column[leader]] = multiplier
         offset[number] = shift
     return S, offset, independent
+
+
+def projection(S, base_rows):
+    """From rows of all joints to rows of the independent ones, the rows of a moving base in front kept."""
+    matrix = np.eye(base_rows + S.shape[0], base_rows + S.shape[1])
+    matrix[base_rows:, base_rows:] = S
+    return matrix
 
 
 def coupled_accelerations(robot, S, q, forces, bias):
@@ -27,12 +35,11 @@ def coupled_accelerations(robot, S, q, forces, bias):
     The direct model by projection, Sᵀ A S q̈ = Sᵀ (Γ - H): Khalil, section 4 (A_c and H_c by Walker and Orin) with a
     constant G = S.
     """
-    base = bias.shape[-1] - S.shape[0]
-    projection = np.eye(base + S.shape[0], base + S.shape[1])
-    projection[base:, base:] = S
-    rows = projection.shape[0]
-    A = projection.T @ inertia_matrix(robot, q)[..., -rows:, -rows:] @ projection
-    push = -bias @ projection
+    rows = bias.shape[-1]
+    base = rows - S.shape[0]
+    P = projection(S, base)
+    A = P.T @ inertia_matrix(robot, q)[..., -rows:, -rows:] @ P
+    push = -bias @ P
     push[..., base:] += forces
     factors = linear.factor(A)
     return linear.solve(factors, push)[..., base:], factors[1], np.diagonal(A, axis1=-2, axis2=-1)

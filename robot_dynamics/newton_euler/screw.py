@@ -6,6 +6,8 @@ The screw transformation jTi = [Rᵀ, -Rᵀ P̂; 0, Rᵀ] is never written out: 
 
 import numpy as np
 
+from robot_dynamics.model.inertia import skew
+
 YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
@@ -59,11 +61,3 @@ def inertia_to_antecedent(R, P, J):
     top = np.concatenate(np.broadcast_arrays(A, upper), axis=-1)
     bottom = np.concatenate(np.broadcast_arrays(np.swapaxes(upper, -1, -2), lower), axis=-1)
     return np.concatenate([top, bottom], axis=-2)
-
-
-def skew(vector):
-    """The matrices (..., 3, 3) of the vector product with `vector` (..., 3)."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)

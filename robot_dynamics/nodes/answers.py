@@ -3,13 +3,13 @@
 from array import array
 
 import numpy as np
-from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from robot_dynamics.dynamics import BASE_ROWS, Base
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.nodes.messages import (
     nanoseconds,
     read_base,
+    read_base_points,
     read_efforts,
     read_joint_field,
     read_wrenches,
@@ -36,7 +36,8 @@ def _complete(request, response, dynamics, namespace, given, asked):
     order = match_joints(request.trajectory.joint_names, dynamics, namespace)
     if not points:
         raise QuestionError("the trajectory has no points: one at least is needed")
-    require_empty(points, asked)
+    for number, point in enumerate(points):
+        require_empty(point, asked, f"points[{number}]", "it is what is asked for")
     times = [nanoseconds(point.time_from_start) for point in points]
     q, qd = (read_joint_field(points, field, order) for field in ("positions", "velocities"))
     if given == "effort":
@@ -70,15 +71,16 @@ def answer_dynamics_terms(request, response, dynamics, namespace):
     """DynamicsTerms.srv: A, Coriolis, gravity and friction at one state."""
     order = match_joints(request.joint_names, dynamics, namespace)
     state, base = request.state, request.base
-    for field in ("accelerations", "effort"):
-        require_empty([state], field)
-    if len(base.accelerations):
-        raise QuestionError("base.accelerations has values: the terms do not depend on them, leave it empty")
-    q, qd = (read_joint_field([state], field, order)[0] for field in ("positions", "velocities"))
-    bases = MultiDOFJointTrajectory(points=[base] if base.transforms or base.velocities else [])
-    moving = read_base(bases, [nanoseconds(state.time_from_start)], dynamics.robot, namespace)
-    if moving is not None:
+    for place, message, fields in (("state", state, ("accelerations", "effort")), ("base", base, ("accelerations",))):
+        for field in fields:
+            require_empty(message, field, place, "the terms do not depend on it")
+    q, qd = (read_joint_field([state], field, order, place="state")[0] for field in ("positions", "velocities"))
+    moving = None
+    if dynamics.robot.moving_base:
+        moving = read_base_points([base], "base")
         moving = Base(moving.pose[0], moving.twist[0])
+    elif base.transforms or base.velocities:
+        raise QuestionError(f"the base of {dynamics.robot.name!r} is fixed: leave the field base empty")
     rows = order.independent
     names = [dynamics.joint_names[row] for row in rows]
     friction = dynamics.friction(qd)

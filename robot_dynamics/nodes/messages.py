@@ -21,12 +21,13 @@ AGREEMENT = 1e-6
 UNIT_QUATERNION = 1e-3  # how far the norm of a quaternion may be from 1: it is normalised, not guessed
 
 
-def read_joint_field(points, field, order):
+def read_joint_field(points, field, order, place="points[{}]"):
     """Values (N, n) of a field (positions, velocities, accelerations) of trajectory points, for independent joints.
 
-    order: JointOrder. Where the message names joints that depend on others, their values must agree.
+    order: JointOrder. Where the message names joints that depend on others, their values must agree. place: where in
+    the message the points are, for errors.
     """
-    values = _field(points, field, len(order.asked))
+    values = _field(points, field, len(order.asked), place)
     dynamics = order.dynamics
     everyone = np.zeros((len(points), len(dynamics.all_joint_names)))
     everyone[:, order.numbers] = values
@@ -37,8 +38,8 @@ def read_joint_field(points, field, order):
         point, joint = np.argwhere(disagree)[0]
         right = expected[point, order.numbers[joint]]
         raise QuestionError(
-            f"points[{point}].{field}: joint {order.asked[joint]!r} depends on others, which put it at {right:.9g}, "
-            f"not at {values[point, joint]:.9g}. Leave it out, or let it agree"
+            f"{place.format(point)}.{field}: joint {order.asked[joint]!r} depends on others, which put it at "
+            f"{right:.9g}, not at {values[point, joint]:.9g}. Leave it out, or let it agree"
         )
     return independent
 
@@ -50,25 +51,25 @@ def read_efforts(points, order):
     return order.dynamics.gather_efforts(everyone)
 
 
-def _field(points, field, size):
+def _field(points, field, size, place="points[{}]"):
     columns = [getattr(point, field) for point in points]
     for number, column in enumerate(columns):
         if len(column) != size:
             raise QuestionError(
-                f"points[{number}].{field} has {len(column)} values: {size} are needed, one for each joint"
+                f"{place.format(number)}.{field} has {len(column)} values: {size} are needed, one for each joint"
             )
     values = np.array(columns, dtype=float).reshape(len(points), size)
     if not np.isfinite(values).all():
         point, joint = np.argwhere(~np.isfinite(values))[0]
-        raise QuestionError(f"points[{point}].{field}[{joint}] is {values[point, joint]}: a finite number is needed")
+        found = f"{place.format(point)}.{field}[{joint}] is {values[point, joint]}"
+        raise QuestionError(f"{found}: a finite number is needed")
     return values
 
 
-def require_empty(points, field):
-    """Refuse points in which the field that is asked for has values already."""
-    for number, point in enumerate(points):
-        if len(getattr(point, field)):
-            raise QuestionError(f"points[{number}].{field} has values: it is what is asked for, leave it empty")
+def require_empty(message, field, place, why):
+    """Refuse a message in which a field has values that have no part in the question."""
+    if len(getattr(message, field)):
+        raise QuestionError(f"{place}.{field} has values: {why}, leave it empty")
 
 
 def read_base(base, times, robot, namespace):
@@ -88,23 +89,33 @@ def read_base(base, times, robot, namespace):
             f"needed at each of {len(times)} points"
         )
     told = [len(point.accelerations) > 0 for point in base.points]
+    if any(told) and not all(told):
+        number = told.index(False)
+        raise QuestionError(f"base.points[{number}].accelerations has 0 entries: give it at all points or at none")
     for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
-        for field in ("transforms", "velocities", *(["accelerations"] if any(told) else [])):
-            if len(getattr(point, field)) != 1:
-                hint = " (at all points or at none)" if field == "accelerations" else ""
-                raise QuestionError(
-                    f"base.points[{number}].{field} has {len(getattr(point, field))} entries, not 1{hint}"
-                )
         if nanoseconds(point.time_from_start) not in (0, time):
             raise QuestionError(f"base.points[{number}].time_from_start differs from that of the trajectory's point")
+    return read_base_points(base.points, "base.points[{}]")
+
+
+def read_base_points(points, place):
+    """The Base of MultiDOFJointTrajectoryPoints, each with one pose, one twist and one acceleration or none."""
+    accelerated = any(len(point.accelerations) for point in points)
+    for field in ("transforms", "velocities", *(["accelerations"] if accelerated else [])):
+        for number, point in enumerate(points):
+            if len(getattr(point, field)) != 1:
+                found = f"{place.format(number)}.{field} has {len(getattr(point, field))} entries"
+                raise QuestionError(f"{found}: one is needed, of the base link")
     return Base(
-        pose=_poses([point.transforms[0] for point in base.points]),
-        twist=_twists([point.velocities[0] for point in base.points], "velocities"),
-        acceleration=_twists([point.accelerations[0] for point in base.points], "accelerations") if any(told) else None,
+        pose=_poses([point.transforms[0] for point in points], place),
+        twist=_twists([point.velocities[0] for point in points], f"{place}.velocities[0]"),
+        acceleration=_twists([point.accelerations[0] for point in points], f"{place}.accelerations[0]")
+        if accelerated
+        else None,
     )
 
 
-def _poses(transforms):
+def _poses(transforms, place):
     """Homogeneous matrices (N, 4, 4) of geometry_msgs/Transform."""
     rotations = np.array([[t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w] for t in transforms])
     poses = np.tile(np.eye(4), (len(transforms), 1, 1))
@@ -112,24 +123,25 @@ def _poses(transforms):
     norms = np.linalg.norm(rotations, axis=1)
     wrong = np.flatnonzero(~(np.abs(norms - 1) < UNIT_QUATERNION))
     if len(wrong):
-        raise QuestionError(
-            f"base.points[{wrong[0]}].transforms[0].rotation has norm {norms[wrong[0]]:.6g}: 1 is needed"
-        )
+        found = f"{place.format(wrong[0])}.transforms[0].rotation has norm {norms[wrong[0]]:.6g}"
+        raise QuestionError(f"{found}: 1 is needed")
     poses[:, :3, :3] = Rotation.from_quat(rotations).as_matrix()
-    wrong = np.argwhere(~np.isfinite(poses))
-    if len(wrong):
-        raise QuestionError(f"base.points[{wrong[0][0]}].transforms[0].translation is not finite")
+    _require_finite(poses, f"{place}.transforms[0].translation")
     return poses
 
 
-def _twists(twists, field):
+def _twists(twists, place):
     values = np.array(
         [[t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z] for t in twists], dtype=float
     )
+    _require_finite(values, place)
+    return values
+
+
+def _require_finite(values, place):
     wrong = np.argwhere(~np.isfinite(values))
     if len(wrong):
-        raise QuestionError(f"base.points[{wrong[0][0]}].{field}[0] is not finite")
-    return values
+        raise QuestionError(f"{place.format(wrong[0][0])} is not finite")
 
 
 def read_wrenches(stamped, times, robot, namespace):
@@ -145,6 +157,8 @@ def read_wrenches(stamped, times, robot, namespace):
         if not np.isfinite(values).all():
             raise QuestionError(f"external_wrenches[{number}] on {link!r} is {values}: finite numbers are needed")
         stamp = nanoseconds(wrench.header.stamp)
+        if wrench.header.stamp.sec < 0 or wrench.header.stamp.nanosec >= 1_000_000_000:
+            raise QuestionError(f"external_wrenches[{number}].header.stamp is no time since a start")
         acts = np.ones(len(times), bool) if stamp == 0 else times == stamp
         if not acts.any():
             raise QuestionError(

@@ -1,5 +1,6 @@
 """Joints and links of a message matched by name with those of the robot, never by position."""
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,16 +54,14 @@ def match_joints(names, dynamics, namespace):
     Every independent joint must be among them; one that depends on others may be. Raises QuestionError naming the
     joints that are missing, unknown or there more than once.
     """
-    everyone = dynamics.all_joint_names
-    resolved = [resolve("joint", name, everyone, namespace) for name in names]
-    repeated = (
-        sorted({name for name in resolved if resolved.count(name) > 1}) if len(set(resolved)) < len(resolved) else ()
-    )
+    known = dynamics.robot.joint_numbers
+    resolved = [resolve("joint", name, known, namespace) for name in names]
+    repeated = [name for name, times in Counter(resolved).items() if times > 1]
     if repeated:
         raise QuestionError(f"joint {', '.join(map(repr, repeated))} is named more than once: once is right")
-    missing = [name for name in dynamics.joint_names if name not in resolved]
+    missing = [name for name in dynamics.joint_names if name not in set(resolved)]
     if missing:
         raise QuestionError(f"joint {', '.join(map(repr, missing))} is missing: every joint must be named")
-    numbers = np.array([everyone.index(name) for name in resolved], dtype=int)
-    appended = np.setdiff1d(np.arange(len(everyone)), numbers)
+    numbers = np.array([known[name] for name in resolved], dtype=int)
+    appended = np.setdiff1d(np.arange(len(known)), numbers)
     return JointOrder(dynamics, tuple(names), numbers, appended)

@@ -13,6 +13,7 @@ from pathlib import Path
 import rclpy
 import yaml
 from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
@@ -25,16 +26,21 @@ DISCOVERY = 2.0
 def run(make_node, arguments=None):
     """Be the process of one node: make it, spin it, and end cleanly on SIGINT or SIGTERM.
 
-    The signals are not left to rclpy: its handler shuts the context down in a thread of its own, and where that meets
-    the shutdown here, the process ends with an error.
+    Arguments and parameter files that ROS refuses are told in a line and end the process with status 1. Signals are not
+    left to rclpy: its handler shuts the context down in a thread of its own, and where that meets the shutdown here,
+    the process ends with an error.
     """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    executor = SingleThreadedExecutor()
     try:
-        executor.add_node(make_node())
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = make_node()
+    except (RuntimeError, ParameterException) as error:  # what rclpy raises of arguments, names and files
+        sys.exit(f"{Path(sys.argv[0]).stem}: {error}")
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
         while not stopped.is_set():
             executor.spin_once(timeout_sec=0.2)
     finally:
@@ -90,15 +96,15 @@ class Caller:
             client = self._clients[service] = self.node.create_client(kind, service)
         if not client.wait_for_service(timeout):
             raise TimeoutError(f"service {service} is not there after {timeout} s")
-        asked, future = time.monotonic(), client.call_async(request)
+        asked, patience, future = time.monotonic(), DISCOVERY, client.call_async(request)
         while not future.done():
             now = time.monotonic()
             if now > deadline:
                 client.remove_pending_request(future)
                 raise TimeoutError(f"service {service} did not answer within {timeout} s")
-            if service not in self._heard and now > asked + DISCOVERY:
+            if service not in self._heard and now > asked + patience:
                 client.remove_pending_request(future)
-                asked, future = now, client.call_async(request)
+                asked, patience, future = now, 2 * patience, client.call_async(request)
             self._executor.spin_once(timeout_sec=0.1)
         self._heard.add(service)
         return future.result()

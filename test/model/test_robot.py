@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from peers.random_robots import random_urdf
 
-from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, load_robot
+from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, SingularModelError, load_robot
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
+from robot_dynamics.model.robot import Frame, Mimic
 from robot_dynamics.model.urdf import read_urdf
 
 
@@ -101,6 +102,21 @@ def test_root_that_floats_makes_the_base_move_unless_told_otherwise():
     assert read_urdf(arm(), moving_base=True).moving_base
 
 
+def test_floating_base_held_fixed_stands_where_the_origin_of_its_joint_says():
+    text = """<robot name="tilted"><link name="world"/><link name="body"/><link name="rod">{}</link>
+      <joint name="root" type="{}"><parent link="world"/><child link="body"/>
+        <origin xyz="0 0 1" rpy="1.2 0 0"/></joint>
+      <joint name="hinge" type="continuous"><parent link="body"/><child link="rod"/>
+        <axis xyz="0 0 1"/></joint></robot>"""
+    rod = inertial(2, 1, 1, 1).replace("<mass", '<origin xyz="0.5 0 0"/><mass')
+    held = Dynamics(read_urdf(text.format(rod, "floating"), moving_base=False))
+    fixed = Dynamics(read_urdf(text.format(rod, "fixed")))
+    assert held.robot.base_link == "world"
+    np.testing.assert_array_equal(held.gravity([0.3]), fixed.gravity([0.3]))
+    np.testing.assert_array_equal(held.link_pose("rod", [0.3]), fixed.link_pose("rod", [0.3]))
+    assert abs(held.gravity([0.3])[0]) > 1
+
+
 def test_base_inertia_counts_only_where_the_base_moves():
     text = arm().replace('<link name="base"/>', f'<link name="base">{inertial(7, -1, 1, 1)}</link>')
     fixed, moving = read_urdf(text), read_urdf(text, moving_base=True)
@@ -132,7 +148,44 @@ def test_impossible_fixed_link_is_no_objection_where_the_whole_body_is_possible(
 def test_link_that_moves_without_mass_is_warned_of():
     text = arm().replace('<mass value="2"/>', '<mass value="0"/>')
     text = text.replace('ixx="0.01"', 'ixx="0"').replace('iyy="0.02"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
-    assert any("shoulder" in warning and "no mass" in warning for warning in read_urdf(text).warnings)
+    assert any("shoulder" in warning and "nothing with inertia" in warning for warning in read_urdf(text).warnings)
+
+
+def test_rod_that_turns_about_itself_is_warned_of():
+    text = arm(between=mimicking(1, 0)).replace('<mimic joint="shoulder" multiplier="1" offset="0"/>', "")
+    rod = text.replace(inertial(1, 1, 1, 1), inertial(1, 1, 1, 0))
+    assert read_urdf(text).warnings == ()
+    assert any("follower" in warning and "nothing with inertia" in warning for warning in read_urdf(rod).warnings)
+    with pytest.raises(SingularModelError, match="follower"):
+        Dynamics(read_urdf(rod)).direct([0, 0], [0, 0], [0, 0])
+
+
+def test_massless_joint_that_moves_with_another_is_not_warned_of():
+    text = arm(between=mimicking(1, 0)).replace(inertial(1, 1, 1, 1), "")
+    assert read_urdf(text).warnings == ()
+    assert np.isfinite(Dynamics(read_urdf(text)).direct([0], [0], [1])).all()
+
+
+def test_moments_rounded_to_four_digits_are_no_objection():
+    assert Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1167])).objections() == []
+    assert "triangle" in Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1177])).objections()[0]
+    assert "positive" in Inertia(1, np.zeros(3), np.diag([1, 1, -1e-10])).objections()[0]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("a",),
+        (1j,),
+        (1, [0, 0]),
+        (1, [0] * 3, [1, 1, 1]),
+        (1, [0] * 3, [[1, 2], [3]]),
+        (1, [0] * 3, np.triu(np.ones((3, 3)))),
+    ],
+)
+def test_inertia_of_another_shape_is_refused(arguments):
+    with pytest.raises(DescriptionError, match="of an inertia"):
+        Inertia(*arguments)
 
 
 def mimicking(multiplier, offset, of="shoulder"):
@@ -166,7 +219,6 @@ def test_mimic_without_a_leader_is_refused(of, reason):
 def test_payload_is_the_same_as_a_link_welded_there():
     payload = Inertia(0.5, [0.05, 0.0, 0.02], np.diag([0.01, 0.02, 0.02]))
     loaded = read_urdf(arm()).with_payload("tip", payload)
-    central = Inertia(0.5, np.zeros(3), payload.second_moments)
     com = payload.first_moments / 0.5
     central = payload.second_moments - 0.5 * (com @ com * np.eye(3) - np.outer(com, com))
     entries = " ".join(
@@ -189,6 +241,7 @@ def test_payload_is_the_same_as_a_link_welded_there():
         ("tip", Inertia(-1.0), "mass -1"),
         ("tip", Inertia(np.nan), "finite"),
         ("tip", Inertia(1.0, [np.inf, 0, 0]), "finite"),
+        ("tip", None, "an Inertia is needed"),
     ],
 )
 def test_impossible_payload_is_refused(link, payload, reason):
@@ -206,6 +259,29 @@ def test_robot_put_together_wrongly_is_refused():
         replace(robot, joints=(*robot.joints[:-1], replace(robot.joints[-1], name=robot.joints[0].name)))
     with pytest.raises(DescriptionError, match="gravity"):
         replace(robot, gravity=(0, 0, np.nan))
+    with pytest.raises(DescriptionError, match="gravity"):
+        replace(robot, gravity="down")
+    with pytest.raises(DescriptionError, match="moving_base is 'fixed'"):
+        replace(robot, moving_base="fixed")
+    with pytest.raises(DescriptionError, match="is on link 99"):
+        replace(robot, frames=(*robot.frames, Frame("x", 99, np.eye(4))))
+    with pytest.raises(DescriptionError, match="is no frame"):
+        replace(robot, frames=())
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"placement": np.full((4, 4), np.nan)}, "placement is not finite"),
+        ({"rotor_inertia": -1.0}, "rotor_inertia -1 is negative"),
+        ({"viscous_friction": np.inf}, "viscous_friction is not finite"),
+        ({"mimic": Mimic("joint_1", np.nan)}, "multiplier is not finite"),
+    ],
+)
+def test_joint_that_cannot_be_is_refused(changes, reason):
+    robot = read_urdf(random_urdf(4, joints=5))
+    with pytest.raises(DescriptionError, match=reason):
+        replace(robot, joints=(*robot.joints[:-1], replace(robot.joints[-1], **changes)))
 
 
 def test_inverse_placement():

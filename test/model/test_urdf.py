@@ -1,5 +1,6 @@
 """URDF that is wrong is refused by the project's own error, which says what, where, and what would be right."""
 
+import os
 import time
 
 import pytest
@@ -96,6 +97,29 @@ BAD = {
     "negative damping": (changed("<axis", '<dynamics damping="-1"/><axis'), "damping -1 is negative"),
     "limit is NaN": (changed("<axis", '<limit lower="nan"/><axis'), "<limit> has lower='nan'"),
     "mimic without joint": (changed("<axis", "<mimic/><axis"), "<mimic> does not say which joint"),
+    "axis too long": (changed('xyz="0 0 1"', 'xyz="0 1e200 0"'), "far from a unit vector"),
+    "digits of another script": (changed('mass value="1"', 'mass value="٣"'), "value='٣', a number is needed"),
+    "second origin": (changed("<axis", "<origin/><origin/><axis"), "joint 'j' has a second <origin>"),
+    "second axis": (changed("<axis", "<axis/><axis"), "joint 'j' has a second <axis>"),
+    "second mass": (changed("<mass", '<mass value="2"/><mass'), "link 'b' has a second <mass>"),
+    "namespace": (changed("<robot", '<robot xmlns="http://example.org"'), "Remove its attribute xmlns"),
+    "mimic of a fixed joint": (
+        changed(
+            JOINT,
+            JOINT.replace("<axis", '<mimic joint="k"/><axis')
+            + '<link name="c"/><joint name="k" type="fixed"><parent link="b"/><child link="c"/></joint>',
+        ),
+        "'j' mimics joint 'k', which is fixed",
+    ),
+    "too many joints": (
+        '<robot name="r"><link name="0"/>'
+        + "".join(
+            f'<link name="{k}"/><joint name="{k}" type="continuous"><parent link="{k - 1}"/><child link="{k}"/></joint>'
+            for k in range(1, 2002)
+        )
+        + "</robot>",
+        "2001 moving joints",
+    ),
     "deep": ("<robot name='r'>" + "<a>" * 5000 + "</a>" * 5000 + "</robot>", "not well-formed"),
     "null character": (changed('name="a"', 'name="\0"'), "not well-formed"),
 }
@@ -128,6 +152,12 @@ def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
         (b"", "empty"),
         (b"\xff\xfe\x00", "cannot be decoded|not well-formed"),
         (b'<?xml version="1.0" encoding="klingon"?>' + GOOD.encode(), "klingon"),
+        (b'<?xml version="1.0" encoding="undefined"?>' + GOOD.encode(), "cannot be decoded"),
+        ("/dev/zero", "is no file"),
+        ("/", "is no file"),
+        ("a\0b", "cannot be read"),
+        (None, "None"),
+        (42, "42"),
     ],
 )
 def test_description_that_cannot_be_found_or_decoded_is_refused(description, reason):
@@ -150,12 +180,20 @@ def test_doctype_does_not_hide_in_another_encoding(tmp_path):
         load_robot(path)
 
 
-def test_meshes_and_colours_are_never_looked_at():
+def test_pipe_is_no_description(tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
+    with pytest.raises(DescriptionError, match="is no file"):
+        load_robot(tmp_path / "pipe")
+
+
+def test_what_the_dynamics_do_not_use_is_never_looked_at():
     drawn = (
         '<visual><geometry><mesh filename="package://nowhere/none.stl" scale="x"/></geometry></visual>'
         '<collision><geometry><sphere radius="many"/></geometry></collision></link>'
     )
+    unused = '<safety_controller k_velocity="fast"/><calibration rising="x"/><axis'
     assert len(read_urdf(changed("</link>", drawn)).joints) == 1
+    assert len(read_urdf(changed("<axis", unused)).joints) == 1
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.too_slow])

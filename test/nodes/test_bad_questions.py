@@ -1,5 +1,6 @@
 """What cannot be answered is refused with a reason, and the server goes on serving the robot that it had."""
 
+import os
 import re
 import time
 
@@ -22,6 +23,7 @@ from peers.real_robots import real_urdf
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
+from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.nodes.running import Caller
 
 Q, QD, QDD = motion(3, 7)
@@ -50,6 +52,11 @@ def with_value(values, index, value):
     return values
 
 
+def with_efforts(request):
+    request.state.effort = [0.0] * 7
+    return request
+
+
 STILL = base_points([[0, 0, 0, 1]] * 3, np.zeros((3, 3)), np.zeros((3, 6)))
 
 BAD = {
@@ -74,7 +81,13 @@ BAD = {
     "NaN wrench": (inverse(external_wrenches=[wrench("panda_link8", [np.nan] * 6)]), "finite numbers"),
     "wrench at no point": (inverse(external_wrenches=[wrench("panda_link8", np.ones(6), 99)]), "no point has that"),
     "base of a fixed robot": (inverse(base=STILL), "the base of 'panda' is fixed"),
-    "terms without velocities": (terms(qd=QD[0, :0]), r"velocities has 0 values"),
+    "answer overflows": (inverse(qd=QD + 1e200), "the answer.* is no finite number"),
+    "wrench overflows": (inverse(external_wrenches=[wrench("panda_link8", [1.7e308] * 6)]), "no finite number"),
+    "terms overflow": (terms(qd=QD[0] + 1e200), "no finite number"),
+    "20 000 names of a joint": (inverse(["panda_joint1"] * 20_000, Q[:0]), "named more than once"),
+    "long name": (inverse(["x" * 1_000_000, *PANDA[1:]]), "unknown joint 'x{100}'"),
+    "terms with efforts": (with_efforts(terms()), r"^state.effort has values: the terms do not depend on it"),
+    "terms without velocities": (terms(qd=QD[0, :0]), r"^state.velocities has 0 values"),
     "terms of an unknown joint": (terms(names=["a", *PANDA[1:]]), "unknown joint 'a'"),
     "terms with NaN": (terms(q=with_value(Q[0], 3, np.nan)), r"positions\[3\] is nan"),
     "terms with a base": (terms(base=STILL.points[0]), "is fixed"),
@@ -227,15 +240,17 @@ def test_refused_description_leaves_the_old_robot_loaded(case, caller, panda, li
         ({"robot_file": "/no/such/robot.urdf"}, "cannot be read"),
         ({"robot_file": ""}, "would be empty"),
         ({"base": "floating"}, "fixed, moving"),
-        ({"gravity": [0.0, 9.81]}, "three finite numbers"),
+        ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
         ({"gravity": [0.0, 0.0, float("nan")]}, "three finite numbers"),
         ({"payload.mass": 1.0}, "payload.link names no link"),
         ({"payload.link": "panda_link99", "payload.mass": 1.0}, "unknown link 'panda_link99'"),
         ({"payload.link": "panda_link8", "payload.mass": -1.0}, "mass -1"),
-        ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "has 2 values, 6 are needed"),
+        ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "6 numbers are needed, xx, xy"),
         ({"payload.link": "panda_link8", "payload.first_moments": [1.0, float("nan"), 0.0]}, "finite"),
         ({"payload.link": "panda_link8", "payload.first_moments": [1.0, 0.0, 0.0], "strict": True}, "'panda_link7'"),
-        ({"payload.mass": "heavy"}, "type"),
+        ({"payload.mass": "heavy"}, "'heavy': a number is needed"),
+        ({"strict": "yes"}, "true or false is needed"),
+        ({"robot_file": 7}, "a text is needed"),
     ],
 )
 def test_refused_parameter_leaves_the_old_robot_loaded(change, reason, caller, panda, library):
@@ -250,6 +265,37 @@ def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(caller, panda,
     result = caller.set_parameters(panda, {"robot_file": str(path)})
     assert not result.successful and "100" in result.reason and "at most" in result.reason
     still_serves(caller, panda, library)
+
+
+def test_server_survives_descriptions_that_no_parser_foresaw(caller, panda, library, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    undefined = tmp_path / "undefined.urdf"
+    undefined.write_bytes(b'<?xml version="1.0" encoding="undefined"?><robot/>')
+    for change in (
+        {"robot_file": str(tmp_path / "pipe")},
+        {"robot_file": str(undefined)},
+        {"robot_description": "panda"},
+    ):
+        assert not caller.set_parameters(panda, change).successful
+        still_serves(caller, panda, library)
+
+
+def test_file_that_changed_is_read_again(caller, start_server, tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(real_urdf("ur5"))
+    server = start_server({"robot_file": str(path)})
+    path.write_text(real_urdf("kinova"))
+    assert caller.set_parameters(server, {"robot_file": str(path)}).successful
+    response = call(caller, server, inverse())
+    assert (not response.success and "known are j2n6s200_joint_1" in response.message) or "j2" in response.message
+
+
+def test_whole_numbers_are_numbers(caller, start_server):
+    server = start_server({"robot_file": "panda", "gravity": [0, 0, -10]})
+    assert caller.set_parameters(server, {"payload.link": "panda_link8", "payload.mass": 2}).successful
+    heavy = Dynamics(load_robot("panda", gravity=(0, 0, -10)).with_payload("panda_link8", Inertia(2.0)))
+    answer = ask(caller, server, inverse())
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
 
 
 @pytest.mark.parametrize(
@@ -317,6 +363,7 @@ def test_latched_topic_gives_the_robot_and_another_one_later(caller, start_serve
         ("<robot>", "not well-formed"),
         ("", "empty"),
         (GOOD + " " * 100_000_000, "are not read"),
+        ("panda", "not well-formed"),  # the topic carries texts, never names of files
     ):
         latched.publish(String(data=bad))
         eventually(caller, lambda reason=reason: diagnosed(reason))

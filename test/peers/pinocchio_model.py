@@ -61,8 +61,30 @@ class PinocchioModel:
         return pin.computeGeneralizedGravity(self.model, self.data, self.position(q, pose))[self.rows]
 
     def coriolis(self, q, qd, twist=()):
-        with_gravity = self.bias(q, qd, np.eye(4), twist)
-        return with_gravity - self.gravity(q, np.eye(4))
+        gravity = self.model.gravity.copy()
+        self.model.gravity.setZero()  # taken off afterwards it would leave its rounding behind
+        found = self.bias(q, qd, np.eye(4), twist)
+        self.model.gravity = gravity
+        return found
+
+    def link_pose(self, name, q, pose=None):
+        """Pose (4, 4) of a link frame in the world."""
+        pin.forwardKinematics(self.model, self.data, self.position(q, pose))
+        frame = self.model.getFrameId(name, pin.FrameType.BODY)
+        return pin.updateFramePlacement(self.model, self.data, frame).homogeneous
+
+    def reactions(self, q, qd, qdd, links, pose=None, twist=(), base_acceleration=(), external_wrenches=None):
+        """What each joint exerts on the link that it moves, (joints, 6), in the frames of `links` at their origins."""
+        velocity = self.vector(qd, twist)
+        acceleration = self.vector(qdd, self.spatial(np.array(base_acceleration), twist))
+        forces = self.wrenches(q, external_wrenches or {})
+        pin.rnea(self.model, self.data, self.position(q, pose), velocity, acceleration, forces)
+        found = []
+        for name, joint in zip(links, self.joints, strict=True):
+            frame = self.model.frames[self.model.getFrameId(name, pin.FrameType.BODY)]
+            assert frame.parentJoint == joint.id
+            found.append(frame.placement.actInv(self.data.f[joint.id]).vector)
+        return np.array(found)
 
     def direct(self, q, qd, forces, pose=None, twist=(), external_wrenches=None):
         """(accelerations, classical base acceleration) by the articulated-body algorithm."""
