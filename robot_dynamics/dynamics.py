@@ -12,6 +12,7 @@ import numpy as np
 
 from robot_dynamics.errors import QuestionError, SingularModelError
 from robot_dynamics.model.placement import inverse
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
 from robot_dynamics.newton_euler.friction import friction
@@ -45,20 +46,25 @@ class Answer:
 class Dynamics:
     """Inverse and direct dynamics of a robot, for one sample or a batch.
 
-    joint_names: the joints of the vectors, in their order. Joints that depend on others (mimic joints) are not among
-    them; all_joint_names has these too. `expand`, `expand_rates`, `gather_efforts` and `spread_efforts` go from one
-    set to the other.
+    joint_names: the joints of the vectors, in their order: branch by branch, as the description has them. Joints that
+    depend on others (mimic joints) are not among them; all_joint_names has these too. `expand`, `expand_rates`,
+    `gather_efforts` and `spread_efforts` go from one set to the other.
 
     Arguments are q, qd, qdd, efforts: (..., n); base: a Base, for a robot with a moving base and for no other;
     external_wrenches: {link name: (..., 6)}. Every method raises QuestionError for an argument that does not fit.
     """
 
     def __init__(self, robot):
+        if not isinstance(robot, Robot):
+            raise QuestionError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
         self.robot = robot
         self._S, self._offset, self._independent = coupling(robot)
         self._projection = projection(self._S, 6 if robot.moving_base else 0)
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
         self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
+
+    def __repr__(self):
+        return f"Dynamics({self.robot!r})"
 
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity and friction, less the external wrenches.

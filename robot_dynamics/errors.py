@@ -22,6 +22,6 @@ class SingularModelError(RobotDynamicsError):
 def unknown_name(kind, name, known):
     """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
     name, known = str(name)[:100], list(known)
-    close = get_close_matches(name, known, n=3)
+    close = get_close_matches(name, known, n=3, cutoff=0.75)
     hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are {', '.join(known[:40]) or 'none'}"
     return f"unknown {kind} {name!r}: {hint}"

@@ -92,9 +92,9 @@ def _at_rest(gravity):
 
 
 def _checked_pose(pose):
+    if np.shape(pose)[-2:] != (4, 4):
+        raise QuestionError(f"pose of the base has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
     pose = finite("pose of the base", pose, 4, "columns")
-    if pose.ndim < 2 or pose.shape[-2] != 4:
-        raise QuestionError(f"pose of the base has shape {pose.shape}: homogeneous matrices (..., 4, 4) are needed")
     R, last = pose[..., :3, :3], pose[..., 3, :]
     skewed = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0) > 1e-6
     if skewed or (np.linalg.det(R) < 0).any() or (last != (0, 0, 0, 1)).any():

@@ -320,6 +320,7 @@ Q = np.zeros(8)
         (lambda d: d.coriolis(Q, Q[:3]), "velocities has shape"),
         (lambda d: d.inertia_matrix([np.nan] * 8), "positions"),
         (lambda d: d.friction(Q[:1]), "velocities"),
+        (lambda d: Dynamics("panda"), "takes a Robot, as load_robot gives it, not 'panda'"),
         (lambda d: d.link_pose("nowhere", Q), "unknown link 'nowhere'"),
         (lambda d: d.link_pose("panda_hand", Q, base=Base()), "is fixed"),
         (lambda d: d.expand(Q[:5]), "positions has shape"),

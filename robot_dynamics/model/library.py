@@ -48,11 +48,10 @@ def read_file(name):
         with path.open("rb") as file:
             content = file.read(LARGEST_DESCRIPTION + 1)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(
-            f"{told} cannot be read as a file ({reason}), and no robot of that name ships: "
-            f"{unknown_name('robot', name, shipped)}"
-        ) from None
+        message = f"{told} cannot be read as a file ({getattr(error, 'strerror', None) or error})"
+        if "/" not in str(name):
+            message += f", and no robot of that name ships: {unknown_name('robot', name, shipped)}"
+        raise DescriptionError(message) from None
     if len(content) > LARGEST_DESCRIPTION:
         raise DescriptionError(f"{told} is larger than a description may be: {LARGEST_DESCRIPTION} bytes at most")
     return content, str(path)

@@ -73,7 +73,7 @@ class Frame:
     placement: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Robot:
     """A tree-structured robot.
 
@@ -112,6 +112,10 @@ class Robot:
             if not 0 <= frame.link < len(self.links):
                 raise DescriptionError(f"frame {frame.name!r} is on link {frame.link}, of 0 to {len(self.links) - 1}")
         _ = self.leaders
+
+    def __repr__(self):
+        base = "moving" if self.moving_base else "fixed"
+        return f"Robot({self.name!r}, {len(self.joints)} joints, {base} base)"
 
     def _check_gravity_and_base(self):
         try:

@@ -115,23 +115,25 @@ class _Builder:
             self._fail(f"links {', '.join(map(repr, lost[:5]))} form a cycle: the root {root!r} does not lead to them")
 
     def _walk(self, base):
-        """Visit every link once, parents first, in the order of the description along each branch."""
-        front = [(base, 0, np.eye(4))]  # link, the body it belongs to, its placement in the frame of that body
+        """Visit every link once, branch by branch, and the branches of a link in the order of the description."""
+        front = [(base, 0, np.eye(4), None)]  # link, body it belongs to, placement in its frame, joint that moves it
         while front:
-            name, body, frame = front.pop()
+            name, body, frame, moved_by = front.pop()
+            if moved_by is not None:
+                self.joints.append(moved_by)
+                self.names.append(name)
+                self.inertias.append(Inertia())
+                body = len(self.joints)
             self.frames.append(Frame(name, body, frame))
             self.inertias[body] += self._inertia(name).seen_from(frame)
             branches = []
             for joint in self.joints_from[name]:
                 placed = frame @ (np.eye(4) if joint.origin is None else joint.origin)
                 if joint.type in ("fixed", "floating"):  # what floats from the base has been told to stand
-                    branches.append((joint.child, body, placed))
+                    branches.append((joint.child, body, placed, None))
                 else:
                     turn = placement(rotation_with_z_along(joint.axis))
-                    self.joints.append(self._joint(joint, body, placed @ turn))
-                    self.names.append(joint.child)
-                    self.inertias.append(Inertia())
-                    branches.append((joint.child, len(self.joints), inverse(turn)))
+                    branches.append((joint.child, None, inverse(turn), self._joint(joint, body, placed @ turn)))
             front += reversed(branches)
 
     def _inertia(self, name):

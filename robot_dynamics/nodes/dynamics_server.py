@@ -19,7 +19,10 @@ SERVICES = (
 
 
 class DynamicsServer(Node):
-    """Serves ~/inverse_dynamics, ~/direct_dynamics and ~/dynamics_terms for the robot of its RobotSource.
+    """Serves ~/inverse_dynamics, ~/direct_dynamics and ~/dynamics_terms for a robot.
+
+    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (text of a URDF),
+    else taken from the topic robot_description: dynamics_server --ros-args -p robot_file:=panda
 
     A request that cannot be answered gets success false and the reason; the node goes on. Every second it tells on
     /diagnostics which robot it serves, how many requests were answered and refused, and why the last was refused.

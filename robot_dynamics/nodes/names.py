@@ -61,7 +61,7 @@ def match_joints(names, dynamics, namespace):
         raise QuestionError(f"joint {', '.join(map(repr, repeated))} is named more than once: once is right")
     missing = [name for name in dynamics.joint_names if name not in set(resolved)]
     if missing:
-        raise QuestionError(f"joint {', '.join(map(repr, missing))} is missing: every joint must be named")
+        raise QuestionError(f"joints missing: {', '.join(map(repr, missing))}. Every joint must be named")
     numbers = np.array([known[name] for name in resolved], dtype=int)
     appended = np.setdiff1d(np.arange(len(known)), numbers)
     return JointOrder(dynamics, tuple(names), numbers, appended)

@@ -28,7 +28,7 @@ PARAMETERS = {
     "base": ("", "fixed or moving; empty: as the description says"),
     "gravity": (list(EARTH), "x, y, z in the world [m/s^2]"),
     "strict": (False, "refuse inertias that no real body has, instead of warning"),
-    "payload.link": ("", "link that carries the payload, in whose frame it is given"),
+    "payload.link": ("", "link that carries the payload, in whose frame it is given; empty: there is none"),
     "payload.mass": (0.0, "[kg]"),
     "payload.first_moments": ([0.0] * 3, "mass times its centre x, y, z [kg m]"),
     "payload.inertia": ([0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
@@ -53,6 +53,11 @@ class RobotSource:
             descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
             node.declare_parameter(name, default, descriptor)
         self._try(lambda: self._adopt(self._load(self._settings())))
+        if self._dynamics is None and not self._settings()["robot_description"] and not self._settings()["robot_file"]:
+            topic = node.resolve_topic_name("robot_description")
+            node.get_logger().info(
+                f"no robot yet: waiting for {topic}, or for parameter robot_file or robot_description"
+            )
         node.add_on_set_parameters_callback(self._before_change)
         node.add_post_set_parameters_callback(self._after_change)
         self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED)
@@ -84,7 +89,9 @@ class RobotSource:
         elif self._dynamics is None:
             return None
         else:
-            raise DescriptionError("the description would be empty: set robot_description or robot_file to another")
+            raise DescriptionError(
+                "the description would be empty: set robot_description or robot_file, or publish it before"
+            )
         return self._read(text, source, settings)
 
     def _read(self, text, source, settings):
@@ -102,8 +109,8 @@ class RobotSource:
             return
         self.refusal = ""
         robot = dynamics.robot
-        base = "moving" if robot.moving_base else "fixed"
-        logger.info(f"robot {robot.name!r}: {len(dynamics.joint_names)} joints, {base} base")
+        link, mass = (self._node.get_parameter(f"payload.{name}").value for name in ("link", "mass"))
+        logger.info(f"serving {robot!r}, {f'{mass} kg on {link!r}' if link else 'no payload'}, gravity {robot.gravity}")
         for warning in robot.warnings:
             logger.warning(f"robot {robot.name!r}: {warning}")
 
@@ -141,8 +148,11 @@ class RobotSource:
             settings = {name: typed(name, value) for name, value in self._settings().items()}
             dynamics = self._read(message.data, "topic robot_description", settings)
             self._published = message.data
-            if not settings["robot_description"] and not settings["robot_file"]:
+            parameter = next((name for name in ("robot_description", "robot_file") if settings[name]), None)
+            if parameter is None:
                 self._adopt(dynamics)
+            else:
+                self._node.get_logger().info(f"robot on the topic robot_description kept aside: {parameter} is set")
 
         self._try(change)
 
@@ -168,14 +178,12 @@ def typed(name, value):
 
 
 def with_payload(robot, settings):
-    """The robot with the payload that the parameters describe."""
+    """The robot with the payload that the parameters describe; where payload.link names no link nothing is carried."""
     xx, xy, xz, yy, yz, zz = settings["payload.inertia"]
     payload = Inertia(
         settings["payload.mass"], settings["payload.first_moments"], [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
     )
-    link = settings["payload.link"]
-    if link:
-        return robot.with_payload(link, payload)
-    if np.any(payload.spatial):
-        raise QuestionError("the payload has a mass or moments, but parameter payload.link names no link to carry it")
-    return robot
+    try:
+        return robot.with_payload(settings["payload.link"], payload) if settings["payload.link"] else robot
+    except QuestionError as error:
+        raise QuestionError(f"parameter payload.link: {error}") from None

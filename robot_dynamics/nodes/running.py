@@ -1,5 +1,7 @@
 """Nodes as processes of their own, from inside and from outside, and calls to them that end."""
 
+import argparse
+import inspect
 import os
 import signal
 import subprocess
@@ -17,6 +19,7 @@ from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 # A server can get the first request of a client before it has found where that client listens. The middleware then
 # drops the answer, so a first question that is not answered in this time [s] is asked again.
@@ -26,18 +29,28 @@ DISCOVERY = 2.0
 def run(make_node, arguments=None):
     """Be the process of one node: make it, spin it, and end cleanly on SIGINT or SIGTERM.
 
-    Arguments and parameter files that ROS refuses are told in a line and end the process with status 1. Signals are not
-    left to rclpy: its handler shuts the context down in a thread of its own, and where that meets the shutdown here,
-    the process ends with an error.
+    make_node: a class, whose docstring is what --help says, or a function. Arguments and parameter files that ROS
+    refuses are told in a line and end the process with status 1; what is no argument of ROS is refused as well. Signals
+    are not left to rclpy: its handler shuts the context down in a thread of its own, and where that meets the shutdown
+    here, the process ends with an error.
     """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
+    command = sys.argv if arguments is None else [sys.argv[0], *arguments]
+    name = Path(command[0]).stem
+    parser = argparse.ArgumentParser(
+        prog=name,
+        usage="%(prog)s [--help] [--ros-args -p NAME:=VALUE ... -r OLD:=NEW ... --params-file FILE]",
+        description=inspect.getdoc(make_node),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        parser.parse_args(remove_ros_args(command)[1:])
         node = make_node()
     except (RuntimeError, ParameterException) as error:  # what rclpy raises of arguments, names and files
-        sys.exit(f"{Path(sys.argv[0]).stem}: {error}")
+        sys.exit(f"{name}: {error}")
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

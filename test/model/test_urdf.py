@@ -59,7 +59,7 @@ BAD = {
         "'k' is floating inside",
     ),
     "no parent": (changed('<parent link="a"/>', ""), "no <parent"),
-    "unknown parent": (changed('parent link="a"', 'parent link="aa"'), "unknown link 'aa': did you mean 'a'"),
+    "unknown parent": (changed('parent link="a"', 'parent link="aa"'), "unknown link 'aa': known are a, b"),
     "unknown child": (changed('child link="b"', 'child link="x"'), "unknown link 'x'"),
     "self-parent": (changed('child link="b"', 'child link="a"'), "roots|cycle"),
     "cycle": (

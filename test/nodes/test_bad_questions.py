@@ -60,8 +60,8 @@ def with_efforts(request):
 STILL = base_points([[0, 0, 0, 1]] * 3, np.zeros((3, 3)), np.zeros((3, 6)))
 
 BAD = {
-    "missing joint": (inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]), "joint 'panda_joint7' is missing"),
-    "no joints": (inverse([], Q[:, :0], QD[:, :0], QDD[:, :0]), "'panda_joint1'.* missing"),
+    "missing joint": (inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]), "joints missing: 'panda_joint7'"),
+    "no joints": (inverse([], Q[:, :0], QD[:, :0], QDD[:, :0]), "joints missing: 'panda_joint1'"),
     "unknown joint": (inverse([*PANDA[:6], "panda_joint8"]), "unknown joint 'panda_joint8'"),
     "duplicate joint": (inverse([*PANDA[:6], "panda_joint1"]), "'panda_joint1' is named more than once"),
     "wrong namespace": (inverse([f"other/{name}" for name in PANDA]), "unknown joint 'other/panda_joint1'"),
@@ -242,8 +242,7 @@ def test_refused_description_leaves_the_old_robot_loaded(case, caller, panda, li
         ({"base": "floating"}, "fixed, moving"),
         ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
         ({"gravity": [0.0, 0.0, float("nan")]}, "three finite numbers"),
-        ({"payload.mass": 1.0}, "payload.link names no link"),
-        ({"payload.link": "panda_link99", "payload.mass": 1.0}, "unknown link 'panda_link99'"),
+        ({"payload.link": "panda_link99", "payload.mass": 1.0}, "payload.link: unknown link 'panda_link99'"),
         ({"payload.link": "panda_link8", "payload.mass": -1.0}, "mass -1"),
         ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "6 numbers are needed, xx, xy"),
         ({"payload.link": "panda_link8", "payload.first_moments": [1.0, float("nan"), 0.0]}, "finite"),

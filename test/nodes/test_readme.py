@@ -3,6 +3,8 @@
 import importlib
 import re
 import shlex
+import subprocess
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -83,16 +85,39 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                     assert np.isfinite(response.trajectory.points[0].effort).all() and response.reactions
                 if namespace != "/":
                     assert response.base.points[0].accelerations[0].linear.z < 0
+            if namespace == "/":
+                command = [sys.executable, "-c", python_of("rclpy")]
+                python = subprocess.run(command, capture_output=True, text=True, timeout=60)
+                assert python.stdout.startswith("True  [") and "successful=True" in python.stdout, python
             for _, _, _, node, parameter, text in words("ros2 param set") if namespace == "/" else []:
                 assert node == name
                 result = caller.set_parameters(node, {parameter: yaml.safe_load(text)})
                 assert result.successful, result.reason
 
 
-def test_python_of_the_readme_runs(capsys):
-    (block,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
-    exec(compile(block, "README.md", "exec"), {})
-    assert "panda_joint7" in capsys.readouterr().out
+@pytest.mark.parametrize(("imported", "printed"), [("Dynamics", "panda_joint7"), ("Base", "(7, 6)")])
+def test_python_of_the_readme_runs(imported, printed, capsys):
+    exec(compile(python_of(f"numpy as np\nfrom robot_dynamics import {imported}"), "README.md", "exec"), {})
+    assert printed in capsys.readouterr().out
+
+
+def python_of(beginning):
+    """The one block of Python in the README that begins with importing that."""
+    (block,) = [
+        block
+        for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+        if block.startswith(f"import {beginning}")
+    ]
+    return block
+
+
+def test_command_line_says_what_it_takes_and_refuses_the_rest():
+    command = [sys.executable, "-m", "robot_dynamics.nodes.dynamics_server"]
+    helped = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=60)
+    assert helped.returncode == 0 and "robot_file:=panda" in helped.stdout
+    for wrong in (["panda"], ["-p", "robot_file:=panda"], ["--ros-args", "-p", "robot_file"]):
+        refused = subprocess.run([*command, *wrong], capture_output=True, text=True, timeout=60)
+        assert refused.returncode != 0 and wrong[-1] in refused.stderr and "Traceback" not in refused.stderr
 
 
 def test_table_of_parameters_is_that_of_the_node():
