@@ -63,18 +63,20 @@ class Asker:
         return response
 
     def efforts(self, time, q, qd, qdd):
-        request = InverseDynamics.Request()
-        request.trajectory.joint_names = self.joint_names
-        request.trajectory.points = points(time, positions=q, velocities=qd, accelerations=qdd)
-        answer = self._ask(InverseDynamics, "inverse_dynamics", request)
-        return np.array([point.effort for point in answer.trajectory.points])
+        fields = {"positions": q, "velocities": qd, "accelerations": qdd}
+        return self._complete(InverseDynamics, "inverse_dynamics", "effort", time, fields)
 
     def accelerations(self, time, q, qd, efforts):
-        request = DirectDynamics.Request()
+        fields = {"positions": q, "velocities": qd, "effort": efforts}
+        return self._complete(DirectDynamics, "direct_dynamics", "accelerations", time, fields)
+
+    def _complete(self, kind, service, asked, time, fields):
+        """What is asked for, (N, n), at points with these fields."""
+        request = kind.Request()
         request.trajectory.joint_names = self.joint_names
-        request.trajectory.points = points(time, positions=q, velocities=qd, effort=efforts)
-        answer = self._ask(DirectDynamics, "direct_dynamics", request)
-        return np.array([point.accelerations for point in answer.trajectory.points])
+        request.trajectory.points = points(time, **fields)
+        answer = self._ask(kind, service, request)
+        return np.array([getattr(point, asked) for point in answer.trajectory.points])
 
     def terms(self, q, qd):
         request = DynamicsTerms.Request(joint_names=self.joint_names)

@@ -374,8 +374,12 @@ def test_parameter_comes_before_the_topic(caller, start_server, library):
     server = start_server({"robot_file": "panda"}, namespace="/preferred")
     latched = publisher(caller, server)
     latched.publish(String(data=GOOD))
+    eventually(caller, lambda: latched.get_subscription_count() == 1)
     caller.spin(1.0)
     still_serves(caller, server, library)
+    # it came all the same, and is used once no parameter names a robot
+    assert caller.set_parameters(server, {"robot_file": ""}).successful
+    assert "shoulder_pan_joint" in call(caller, server, inverse(["shoulder_pan_join", *PANDA[1:]])).message
     caller.node.destroy_publisher(latched)
 
 
