@@ -60,6 +60,9 @@ class Dynamics:
         self.robot = robot
         self._S, self._offset, self._independent = coupling(robot)
         self._projection = projection(self._S, 6 if robot.moving_base else 0)
+        # how each frame j stands in the link frame that the description gives
+        placements = [inverse(robot.frame(link.name).placement) for link in robot.links]
+        self._in_link_frame = [(placed[:3, :3], placed[:3, 3]) for placed in placements]
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
         self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
 
@@ -226,10 +229,7 @@ class Dynamics:
 
     def _in_link_frames(self, wrenches):
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""
-        moved = []
-        for j, link in enumerate(self.robot.links):
-            frame = inverse(self.robot.frame(link.name).placement)
-            moved.append(wrench_to_antecedent(frame[:3, :3], frame[:3, 3], wrenches[..., j, :]))
+        moved = [wrench_to_antecedent(R, P, wrenches[..., j, :]) for j, (R, P) in enumerate(self._in_link_frame)]
         return np.stack(moved, axis=-2)
 
 

@@ -196,17 +196,16 @@ class Robot:
         At the end of a branch it must be inertia along the axis itself; further down any will do, as what it comes to
         along the axis depends on where the joints are.
         """
-        last = set(range(1, len(self.links))) - {joint.antecedent for joint in self.joints}
-        heavy = [bool(np.any(link.inertia.spatial)) for link in self.links]
-        for number in last:
-            diagonal = np.diagonal(self.links[number].inertia.spatial)
-            along = diagonal[2 if self.joints[number - 1].prismatic else 5]
-            heavy[number] = bool(along > 1e-12 * diagonal.max())
+        ends = set(range(1, len(self.links))) - {joint.antecedent for joint in self.joints}
+        carries = [bool(np.any(link.inertia.spatial)) for link in self.links]
         resisted = [False] * len(self.joints)
-        for number in range(len(self.joints), 0, -1):
-            joint = self.joints[number - 1]
-            resisted[self.leaders[number - 1][0]] |= heavy[number] or joint.rotor_inertia > 0
-            heavy[joint.antecedent] |= heavy[number] or bool(np.any(self.links[number].inertia.spatial))
+        for number, joint in reversed(list(enumerate(self.joints, start=1))):
+            resists = carries[number]
+            if number in ends:
+                diagonal = np.diagonal(self.links[number].inertia.spatial)
+                resists = diagonal[2 if joint.prismatic else 5] > 1e-12 * diagonal.max()
+            resisted[self.leaders[number - 1][0]] |= bool(resists or joint.rotor_inertia > 0)
+            carries[joint.antecedent] |= carries[number]
         return resisted
 
     def refuse_doubtful(self):

@@ -4,12 +4,12 @@ from array import array
 
 import numpy as np
 
-from robot_dynamics.dynamics import BASE_ROWS, Base
+from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.nodes.messages import (
     nanoseconds,
     read_base,
-    read_base_points,
+    read_base_point,
     read_efforts,
     read_joint_field,
     read_wrenches,
@@ -75,12 +75,7 @@ def answer_dynamics_terms(request, response, dynamics, namespace):
         for field in fields:
             require_empty(message, field, place, "the terms do not depend on it")
     q, qd = (read_joint_field([state], field, order, place="state")[0] for field in ("positions", "velocities"))
-    moving = None
-    if dynamics.robot.moving_base:
-        moving = read_base_points([base], "base")
-        moving = Base(moving.pose[0], moving.twist[0])
-    elif base.transforms or base.velocities:
-        raise QuestionError(f"the base of {dynamics.robot.name!r} is fixed: leave the field base empty")
+    moving = read_base_point(base, dynamics.robot)
     rows = order.independent
     names = [dynamics.joint_names[row] for row in rows]
     friction = dynamics.friction(qd)

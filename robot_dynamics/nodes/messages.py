@@ -27,31 +27,29 @@ def read_joint_field(points, field, order, place="points[{}]"):
     order: JointOrder. Where the message names joints that depend on others, their values must agree. place: where in
     the message the points are, for errors.
     """
-    values = _field(points, field, len(order.asked), place)
-    dynamics = order.dynamics
-    everyone = np.zeros((len(points), len(dynamics.all_joint_names)))
-    everyone[:, order.numbers] = values
-    independent = everyone[:, [dynamics.all_joint_names.index(name) for name in dynamics.joint_names]]
+    dynamics, everyone = order.dynamics, _field(points, field, order, place)
+    numbers = dynamics.robot.joint_numbers
+    independent = everyone[:, [numbers[name] for name in dynamics.joint_names]]
     expected = dynamics.expand(independent) if field == "positions" else dynamics.expand_rates(independent)
-    disagree = np.abs(values - expected[:, order.numbers]) > AGREEMENT * np.maximum(1, np.abs(values))
+    values, expected = everyone[:, order.numbers], expected[:, order.numbers]
+    disagree = np.abs(values - expected) > AGREEMENT * np.maximum(1, np.abs(values))
     if disagree.any():
         point, joint = np.argwhere(disagree)[0]
-        right = expected[point, order.numbers[joint]]
         raise QuestionError(
             f"{place.format(point)}.{field}: joint {order.asked[joint]!r} depends on others, which put it at "
-            f"{right:.9g}, not at {values[point, joint]:.9g}. Leave it out, or let it agree"
+            f"{expected[point, joint]:.9g}, not at {values[point, joint]:.9g}. Leave it out, or let it agree"
         )
     return independent
 
 
 def read_efforts(points, order):
     """Efforts (N, n) on the independent joints; what is given on joints that depend on others is counted there."""
-    everyone = np.zeros((len(points), len(order.dynamics.all_joint_names)))
-    everyone[:, order.numbers] = _field(points, "effort", len(order.asked))
-    return order.dynamics.gather_efforts(everyone)
+    return order.dynamics.gather_efforts(_field(points, "effort", order))
 
 
-def _field(points, field, size, place="points[{}]"):
+def _field(points, field, order, place="points[{}]"):
+    """Values (N, all joints) of a field, zero where the message has no value of a joint."""
+    size = len(order.asked)
     columns = [getattr(point, field) for point in points]
     for number, column in enumerate(columns):
         if len(column) != size:
@@ -63,7 +61,9 @@ def _field(points, field, size, place="points[{}]"):
         point, joint = np.argwhere(~np.isfinite(values))[0]
         found = f"{place.format(point)}.{field}[{joint}] is {values[point, joint]}"
         raise QuestionError(f"{found}: a finite number is needed")
-    return values
+    everyone = np.zeros((len(points), len(order.dynamics.all_joint_names)))
+    everyone[:, order.numbers] = values
+    return everyone
 
 
 def require_empty(message, field, place, why):
@@ -78,9 +78,7 @@ def read_base(base, times, robot, namespace):
     times: time_from_start of each point of the joint trajectory [ns].
     """
     if not robot.moving_base:
-        if base.points or base.joint_names:
-            raise QuestionError(f"the base of {robot.name!r} is fixed: leave the field base empty")
-        return None
+        return _no_base(robot, base.points or base.joint_names)
     for name in base.joint_names:
         resolve("base link", name, [robot.base_link], namespace)
     if len(base.points) != len(times):
@@ -95,10 +93,24 @@ def read_base(base, times, robot, namespace):
     for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
         if nanoseconds(point.time_from_start) not in (0, time):
             raise QuestionError(f"base.points[{number}].time_from_start differs from that of the trajectory's point")
-    return read_base_points(base.points, "base.points[{}]")
+    return _base(base.points, "base.points[{}]")
 
 
-def read_base_points(points, place):
+def read_base_point(point, robot):
+    """The Base of one MultiDOFJointTrajectoryPoint, or None where the base of the robot is fixed."""
+    if not robot.moving_base:
+        return _no_base(robot, point.transforms or point.velocities)
+    base = _base([point], "base")
+    return Base(base.pose[0], base.twist[0])
+
+
+def _no_base(robot, given):
+    """None, the base of a robot whose base is fixed; refused where the message has one all the same."""
+    if given:
+        raise QuestionError(f"the base of {robot.name!r} is fixed: leave the field base empty")
+
+
+def _base(points, place):
     """The Base of MultiDOFJointTrajectoryPoints, each with one pose, one twist and one acceleration or none."""
     accelerated = any(len(point.accelerations) for point in points)
     for field in ("transforms", "velocities", *(["accelerations"] if accelerated else [])):

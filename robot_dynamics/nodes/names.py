@@ -43,9 +43,9 @@ class JointOrder:
     @property
     def independent(self):
         """Numbers in dynamics.joint_names of the independent joints, in the asker's order."""
-        known = self.dynamics.joint_names
+        places = {name: place for place, name in enumerate(self.dynamics.joint_names)}
         names = (self.dynamics.all_joint_names[number] for number in self.numbers)
-        return np.array([known.index(name) for name in names if name in known], dtype=int)
+        return np.array([places[name] for name in names if name in places], dtype=int)
 
 
 def match_joints(names, dynamics, namespace):

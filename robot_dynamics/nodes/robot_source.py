@@ -52,8 +52,8 @@ class RobotSource:
             # typed here, not by rclpy: an integer where a decimal number belongs is no reason to refuse
             descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
             node.declare_parameter(name, default, descriptor)
-        self._try(lambda: self._adopt(self._load(self._settings())))
-        if self._dynamics is None and not self._settings()["robot_description"] and not self._settings()["robot_file"]:
+        refused = self._try(lambda: self._adopt(self._load(self._settings())))
+        if not refused and self._dynamics is None:
             topic = node.resolve_topic_name("robot_description")
             node.get_logger().info(
                 f"no robot yet: waiting for {topic}, or for parameter robot_file or robot_description"
@@ -74,12 +74,14 @@ class RobotSource:
         """Name of the robot, empty where none is loaded."""
         return self._dynamics.robot.name if self._dynamics else ""
 
-    def _settings(self):
-        return {name: self._node.get_parameter(name).value for name in PARAMETERS}
+    def _settings(self, changes=()):
+        """The values of PARAMETERS, each in its type, as they are or would be after changes {name: value}."""
+        values = {name: self._node.get_parameter(name).value for name in PARAMETERS}
+        values.update(changes)
+        return {name: typed(name, value) for name, value in values.items()}
 
     def _load(self, settings):
         """The Dynamics of the robot that the settings name, else of the one on the topic, else None."""
-        settings = {name: typed(name, value) for name, value in settings.items()}
         if settings["robot_description"]:
             text, source = settings["robot_description"], "parameter robot_description"
         elif settings["robot_file"]:
@@ -132,7 +134,7 @@ class RobotSource:
         changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in PARAMETERS}
 
         def change():
-            self._candidate = self._load({**self._settings(), **changes})
+            self._candidate = self._load(self._settings(changes))
 
         reason = self._try(change) if changes else ""
         return SetParametersResult(successful=not reason, reason=reason)
@@ -145,7 +147,7 @@ class RobotSource:
         """Take the text of the topic, never a path; use it where no parameter names a robot."""
 
         def change():
-            settings = {name: typed(name, value) for name, value in self._settings().items()}
+            settings = self._settings()
             dynamics = self._read(message.data, "topic robot_description", settings)
             self._published = message.data
             parameter = next((name for name in ("robot_description", "robot_file") if settings[name]), None)
