@@ -114,3 +114,17 @@ def base_accelerations(base):
 def wrench_values(stamped):
     f, m = stamped.wrench.force, stamped.wrench.torque
     return np.array([f.x, f.y, f.z, m.x, m.y, m.z])
+
+
+Q, QD, QDD = motion(3, 7)
+
+
+def still_serves(caller, server, library):
+    """Assert that a server of the Panda answers as the library does."""
+    answer = ask(caller, server, inverse_request(PANDA, Q, QD, QDD))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), library.inverse(Q, QD, QDD))
+
+
+def inverse(names=PANDA, q=Q, qd=QD, qdd=QDD, **others):
+    """A good question to a server of the Panda, but for what is given."""
+    return inverse_request(names, q, qd, qdd, **others)

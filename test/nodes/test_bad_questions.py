@@ -1,41 +1,25 @@
 """What cannot be answered is refused with a reason, and the server goes on serving the robot that it had."""
 
-import os
 import re
-import time
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nodes.questions import (
     PANDA,
+    QD,
+    QDD,
+    Q,
     ask,
     base_points,
     call,
     direct_request,
-    field,
+    inverse,
     inverse_request,
-    motion,
+    still_serves,
     terms_request,
     wrench,
 )
 from peers.real_robots import real_urdf
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import String
-
-from robot_dynamics import Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.running import Caller
-
-Q, QD, QDD = motion(3, 7)
-
-
-def still_serves(caller, server, library):
-    answer = ask(caller, server, inverse_request(PANDA, Q, QD, QDD))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), library.inverse(Q, QD, QDD))
-
-
-def inverse(names=PANDA, q=Q, qd=QD, qdd=QDD, **others):
-    return inverse_request(names, q, qd, qdd, **others)
 
 
 def direct(names=PANDA, q=Q, qd=QD, efforts=QDD, **others):
@@ -200,205 +184,3 @@ def test_direct_model_without_an_answer_is_refused(caller, start_server):
     response = call(caller, server, direct_request(["j"], one, one, one))
     assert not response.success and "nothing with inertia resists joint 'j'" in response.message
     ask(caller, server, inverse_request(["j"], one, one, one))
-
-
-GOOD = real_urdf("ur5")
-REFUSED = {
-    "malformed": (GOOD[:-20], "not well-formed"),
-    "doctype": ("<!DOCTYPE robot>" + GOOD, "DOCTYPE"),
-    "external entity": ('<!DOCTYPE r [<!ENTITY f SYSTEM "file:///etc/passwd">]><robot name="&f;"/>', "DOCTYPE"),
-    "external include": (
-        '<robot name="r" xmlns:i="http://www.w3.org/2001/XInclude"><i:include href="/etc/passwd"/></robot>',
-        "XInclude",
-    ),
-    "unknown joint type": (GOOD.replace('type="revolute"', 'type="hinge"', 1), "type 'hinge'"),
-    "cycle": (
-        '<robot name="r"><link name="a"/><link name="b"/>'
-        '<joint name="j" type="fixed"><parent link="a"/><child link="b"/></joint>'
-        '<joint name="k" type="fixed"><parent link="b"/><child link="a"/></joint></robot>',
-        "cycle",
-    ),
-    "two roots": ('<robot name="r"><link name="a"/><link name="b"/></robot>', "all roots"),
-    "missing inertia": ('<robot name="r"><link name="a"><inertial><mass value="1"/></inertial></link></robot>', "'a'"),
-    "negative mass": (GOOD.replace('<mass value="3.7"/>', '<mass value="-3.7"/>'), "negative"),
-    "NaN": (GOOD.replace('<mass value="3.7"/>', '<mass value="nan"/>'), "nan"),
-}
-
-
-@pytest.mark.parametrize("case", REFUSED)
-def test_refused_description_leaves_the_old_robot_loaded(case, caller, panda, library):
-    text, reason = REFUSED[case]
-    assert text != GOOD
-    result = caller.set_parameters(panda, {"robot_description": text})
-    assert not result.successful and reason in result.reason
-    still_serves(caller, panda, library)
-
-
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        ({"robot_file": "/no/such/robot.urdf"}, "cannot be read"),
-        ({"robot_file": ""}, "would be empty"),
-        ({"base": "floating"}, "fixed, moving"),
-        ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
-        ({"gravity": [0.0, 0.0, float("nan")]}, "three finite numbers"),
-        ({"payload.link": "panda_link99", "payload.mass": 1.0}, "payload.link: unknown link 'panda_link99'"),
-        ({"payload.link": "panda_link8", "payload.mass": -1.0}, "mass -1"),
-        ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "6 numbers are needed, xx, xy"),
-        ({"payload.link": "panda_link8", "payload.first_moments": [1.0, float("nan"), 0.0]}, "finite"),
-        ({"payload.link": "panda_link8", "payload.first_moments": [1.0, 0.0, 0.0], "strict": True}, "'panda_link7'"),
-        ({"payload.mass": "heavy"}, "'heavy': a number is needed"),
-        ({"strict": "yes"}, "true or false is needed"),
-        ({"robot_file": 7}, "a text is needed"),
-    ],
-)
-def test_refused_parameter_leaves_the_old_robot_loaded(change, reason, caller, panda, library):
-    result = caller.set_parameters(panda, change)
-    assert not result.successful and reason in result.reason, result.reason
-    still_serves(caller, panda, library)
-
-
-def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(caller, panda, library, tmp_path):
-    path = tmp_path / "large.urdf"
-    path.write_text(GOOD + " " * 100_000_000)
-    result = caller.set_parameters(panda, {"robot_file": str(path)})
-    assert not result.successful and "100" in result.reason and "at most" in result.reason
-    still_serves(caller, panda, library)
-
-
-def test_server_survives_descriptions_that_no_parser_foresaw(caller, panda, library, tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    undefined = tmp_path / "undefined.urdf"
-    undefined.write_bytes(b'<?xml version="1.0" encoding="undefined"?><robot/>')
-    for change in (
-        {"robot_file": str(tmp_path / "pipe")},
-        {"robot_file": str(undefined)},
-        {"robot_description": "panda"},
-    ):
-        assert not caller.set_parameters(panda, change).successful
-        still_serves(caller, panda, library)
-
-
-def test_file_that_changed_is_read_again(caller, start_server, tmp_path):
-    path = tmp_path / "robot.urdf"
-    path.write_text(real_urdf("ur5"))
-    server = start_server({"robot_file": str(path)})
-    path.write_text(real_urdf("kinova"))
-    assert caller.set_parameters(server, {"robot_file": str(path)}).successful
-    response = call(caller, server, inverse())
-    assert (not response.success and "known are j2n6s200_joint_1" in response.message) or "j2" in response.message
-
-
-def test_whole_numbers_are_numbers(caller, start_server):
-    server = start_server({"robot_file": "panda", "gravity": [0, 0, -10]})
-    assert caller.set_parameters(server, {"payload.link": "panda_link8", "payload.mass": 2}).successful
-    heavy = Dynamics(load_robot("panda", gravity=(0, 0, -10)).with_payload("panda_link8", Inertia(2.0)))
-    answer = ask(caller, server, inverse())
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
-
-
-@pytest.mark.parametrize(
-    ("description", "reason"),
-    [("<robot", "not well-formed"), ("", "nothing came on the topic robot_description"), (" ", "is empty")],
-)
-def test_server_without_a_robot_says_why_and_serves_when_it_gets_one(
-    description, reason, caller, start_server, library
-):
-    server = start_server({"robot_description": description})
-    response = call(caller, server, inverse())
-    assert not response.success and "no robot is loaded: " in response.message
-    assert reason in response.message
-    assert caller.set_parameters(server, {"robot_description": "", "robot_file": "panda"}).successful
-    still_serves(caller, server, library)
-
-
-def publisher(caller, server):
-    qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    return caller.node.create_publisher(String, server.rsplit("/", 1)[0] + "/robot_description", qos)
-
-
-def eventually(caller, condition, seconds=30):
-    deadline = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen in time"
-        caller.spin(0.1)
-
-
-def test_latched_topic_gives_the_robot_and_another_one_later(caller, start_server):
-    """The description is published before the server is there; it changes; bad ones and one of 100 MB are refused."""
-    name = "/latched"
-    latched = publisher(caller, f"{name}/dynamics_server")
-    latched.publish(String(data=GOOD))
-    server = start_server(namespace=name)
-    ur5 = [
-        "shoulder_pan_joint",
-        "shoulder_lift_joint",
-        "elbow_joint",
-        "wrist_1_joint",
-        "wrist_2_joint",
-        "wrist_3_joint",
-    ]
-
-    def serves(names):
-        zero = np.zeros((1, len(names)))
-        return call(caller, server, inverse_request(names, zero, zero, zero)).success
-
-    eventually(caller, lambda: serves(ur5))
-    latched.publish(String(data=real_urdf("panda")))
-    joints = [*PANDA, "panda_finger_joint1"]
-    eventually(caller, lambda: serves(joints))
-    assert not serves(ur5)
-    messages = []
-    caller.node.create_subscription(DiagnosticArray, "/diagnostics", messages.append, 10)
-
-    def diagnosed(text):
-        return any(
-            text in status.message and status.level == DiagnosticStatus.WARN and status.hardware_id == "panda"
-            for message in messages
-            for status in message.status
-        )
-
-    for bad, reason in (
-        ("<robot>", "not well-formed"),
-        ("", "empty"),
-        (GOOD + " " * 100_000_000, "are not read"),
-        ("panda", "not well-formed"),  # the topic carries texts, never names of files
-    ):
-        latched.publish(String(data=bad))
-        eventually(caller, lambda reason=reason: diagnosed(reason))
-        assert serves(joints) and not serves(ur5)
-    caller.node.destroy_publisher(latched)
-
-
-def test_parameter_comes_before_the_topic(caller, start_server, library):
-    server = start_server({"robot_file": "panda"}, namespace="/preferred")
-    latched = publisher(caller, server)
-    latched.publish(String(data=GOOD))
-    eventually(caller, lambda: latched.get_subscription_count() == 1)
-    caller.spin(1.0)
-    still_serves(caller, server, library)
-    # it came all the same, and is used once no parameter names a robot
-    assert caller.set_parameters(server, {"robot_file": ""}).successful
-    assert "shoulder_pan_joint" in call(caller, server, inverse(["shoulder_pan_join", *PANDA[1:]])).message
-    caller.node.destroy_publisher(latched)
-
-
-def test_diagnostics_tell_what_is_served_and_what_was_refused(start_server):
-    server = start_server({"robot_file": "panda"})
-    own = Caller("listener")
-    found = []
-    own.node.create_subscription(DiagnosticArray, "/diagnostics", found.append, 10)
-    call(own, server, inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]))
-
-    def told():
-        statuses = [status for message in found for status in message.status if status.name.startswith(server)]
-        values = [{pair.key: pair.value for pair in status.values} for status in statuses]
-        return any(
-            status.level == DiagnosticStatus.OK
-            and value["requests refused"] == "1"
-            and "panda_joint7" in value["last refusal"]
-            for status, value in zip(statuses, values, strict=True)
-        )
-
-    eventually(own, told)
-    own.close()
