@@ -25,18 +25,20 @@ setup(
     maintainer_email="maintainers@robot-dynamics.example.org",
     # Named one by one: a bare search would also take test/ and the folder of the interface package.
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["model/formats/mdh.schema.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         *files_below("config"),
     ],
     python_requires=">=3.10",
-    install_requires=["numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "matplotlib"],
+    install_requires=["numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "jsonschema", "tabulate", "matplotlib"],
     zip_safe=True,
     entry_points={
         "console_scripts": [
             "dynamics_server = robot_dynamics.nodes.dynamics_server:main",
             "demo = robot_dynamics.nodes.demo:main",
+            "robot-dynamics = robot_dynamics.commands.main:main",
         ],
     },
 )

@@ -10,11 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.errors import QuestionError, SingularModelError
+from robot_dynamics.answer import Answer, Equilibrium, filled, refuse_singular, refuse_unbalanced
+from robot_dynamics.errors import QuestionError
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
+from robot_dynamics.newton_euler.elastic import spring_force
+from robot_dynamics.newton_euler.equilibrium import balance
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
@@ -22,25 +25,9 @@ from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
 
-__all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics"]
+__all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
 
 BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
-SINGULAR = 1e-14  # an inertia below this part of the largest one beside it is rounding
-
-
-@dataclass(frozen=True, eq=False)
-class Answer:
-    """The dynamics of a state.
-
-    accelerations, efforts: (..., n), one of them as given; base_acceleration: (..., 6), None where the base is fixed;
-    reactions: (..., 1 + joints, 6) [N, N m], first what the ground exerts on the base, in frame 0, then what each of
-    all joints exerts on the link it moves, in the link frame of that link, at its origin.
-    """
-
-    accelerations: np.ndarray
-    efforts: np.ndarray
-    base_acceleration: np.ndarray | None
-    reactions: np.ndarray
 
 
 class Dynamics:
@@ -48,7 +35,9 @@ class Dynamics:
 
     joint_names: the joints of the vectors, in their order: branch by branch, as the description has them. Joints that
     depend on others (mimic joints) are not among them; all_joint_names has these too. `expand`, `expand_rates`,
-    `gather_efforts` and `spread_efforts` go from one set to the other.
+    `gather_efforts` and `spread_efforts` go from one set to the other. undriven_joint_names: the elastic and passive
+    joints. Their positions and velocities are part of the state as those of any joint; their accelerations are always
+    part of the answer and their efforts always zero, so that in a question 0 or nan stands there.
 
     Arguments are q, qd, qdd, efforts: (..., n); base: a Base, for a robot with a moving base and for no other;
     external_wrenches: {link name: (..., 6)}. Every method raises QuestionError for an argument that does not fit.
@@ -65,21 +54,24 @@ class Dynamics:
         self._in_link_frame = [(placed[:3, :3], placed[:3, 3]) for placed in placements]
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
         self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
+        self._undriven = [place for place, number in enumerate(self._independent) if not robot.joints[number].actuated]
+        self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
 
     def __repr__(self):
         return f"Dynamics({self.robot!r})"
 
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
-        """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity and friction, less the external wrenches.
+        """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity, friction and springs, less the external
+        wrenches. Joints without motor move as they must, and have effort zero; `solve` tells their accelerations.
 
-        Source: Khalil, sections 3.2 and 7.2.
+        Source: Khalil, sections 3.2, 6 and 7.2.
         """
         return self.solve(q, qd, qdd=qdd, base=base, external_wrenches=external_wrenches).efforts
 
     def direct(self, q, qd, efforts, *, base=None, external_wrenches=None):
-        """Accelerations (..., n) [rad/s² or m/s²] that efforts cause.
+        """Accelerations (..., n) [rad/s² or m/s²] that efforts, springs and gravity cause.
 
-        Raises SingularModelError where some motion moves nothing with inertia. Source: Khalil, sections 3.3.2 and 7.3.
+        Raises SingularModelError where some motion moves nothing with inertia. Source: Khalil, sections 3.3.2, 6, 7.3.
         """
         return self.solve(q, qd, efforts=efforts, base=base, external_wrenches=external_wrenches).accelerations
 
@@ -87,24 +79,26 @@ class Dynamics:
         """The whole Answer for accelerations qdd or for efforts, whichever is given; see `inverse` and `direct`."""
         if (qdd is None) == (efforts is None):
             raise QuestionError("give accelerations or efforts, one of the two: the other is the answer")
-        given = self._joints("efforts", efforts) if qdd is None else self._joints("accelerations", qdd)
+        given = self._driven("efforts", efforts) if qdd is None else self._driven("accelerations", qdd)
         state = self._state(q, qd, base, external_wrenches, given)
         with np.errstate(all="ignore"):  # what is not finite is refused below
-            lost = friction(self.robot, state.qd)
+            lost = friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
             if qdd is None:
+                everyone, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
+                qdd, _, *caused = self._moved(state, everyone, nothing, given - lost @ self._S)
                 efforts = given
-                qdd, base_acceleration, wrenches = self._pushed(state, given - lost @ self._S)
             else:
-                qdd = given
-                forces, base_acceleration, wrenches = self._led(state, given @ self._S.T)
+                qdd, forces, *caused = self._moved(state, self._undriven, given, -lost @ self._S)
                 efforts = (forces + lost) @ self._S
+                efforts[..., self._undriven] = 0  # what is left is rounding
+            base_acceleration, wrenches = caused
             base_acceleration = state.base.true_acceleration(base_acceleration)
             reactions = self._in_link_frames(wrenches)
         return Answer(
-            _filled(qdd, state.batch),
-            _filled(efforts, state.batch),
-            _filled(base_acceleration, state.batch) if self.robot.moving_base else None,
-            _filled(reactions, state.batch, axes=2),
+            filled(qdd, state.batch),
+            filled(efforts, state.batch),
+            filled(base_acceleration, state.batch) if self.robot.moving_base else None,
+            filled(reactions, state.batch, axes=2),
         )
 
     def inertia_matrix(self, q):
@@ -115,7 +109,7 @@ class Dynamics:
         q = self.expand(q)
         P = self._projection
         with np.errstate(all="ignore"):
-            return _filled(P.T @ inertia_matrix(self.robot, q) @ P, q.shape[:-1], axes=2)
+            return filled(P.T @ inertia_matrix(self.robot, q) @ P, q.shape[:-1], axes=2)
 
     def gravity(self, q, *, base=None):
         """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
@@ -131,7 +125,47 @@ class Dynamics:
         """Viscous and Coulomb friction alone (..., n) [N m or N]; none at rest."""
         qd = self._joints("velocities", qd)
         with np.errstate(all="ignore"):
-            return _filled(friction(self.robot, qd @ self._S.T) @ self._S, qd.shape[:-1])
+            return filled(friction(self.robot, qd @ self._S.T) @ self._S, qd.shape[:-1])
+
+    def elasticity(self, q, qd):
+        """What springs and dampers at the joints demand, alone (..., n): k (q - q₀) + damping · q̇ [N m or N]."""
+        q, qd = self.expand(q), self.expand_rates(qd)
+        with np.errstate(all="ignore"):
+            found = spring_force(self.robot, q, qd) @ self._S
+        return filled(found, common_batch(q, qd))
+
+    def equilibrium(self, q, *, base=None, external_wrenches=None):
+        """The Equilibrium in which the joints without motor come to rest, the others held where q (..., n) has them.
+
+        For the joints without motor q says where the search begins: of several equilibria a near one is found. A moving
+        base is held at its pose at rest, or moved on with the acceleration that Base gives.
+
+        Raises SingularModelError where none is found. Source: Khalil, section 6, at rest.
+        """
+        state = self._state(q, np.zeros(len(self.joint_names)), base, external_wrenches)
+        if np.any(state.base.twist):
+            raise QuestionError("an equilibrium is at rest: leave the twist out of Base")
+        acceleration = state.base.at_rest if state.base.acceleration is None else state.base.acceleration
+        stable = np.True_
+        q = self._joints("positions", q)
+        with np.errstate(all="ignore"):
+            if len(self._undriven):
+                q, stable, unbalance = balance(
+                    self.robot, self._S, self._offset, self._undriven, q, acceleration, state.wrenches
+                )
+                refuse_unbalanced(unbalance)
+            everyone = q @ self._S.T + self._offset
+            rest = np.zeros_like(everyone)
+            sweep = sweep_forward(self.robot, everyone, rest, np.zeros(6), state.wrenches)
+            forces, wrenches = inverse_dynamics(self.robot, sweep, rest, acceleration)
+            efforts = (forces + spring_force(self.robot, everyone, rest)) @ self._S
+            efforts[..., self._undriven] = 0
+        return Equilibrium(
+            filled(q, state.batch),
+            filled(efforts, state.batch),
+            filled(self._in_link_frames(wrenches), state.batch, axes=2),
+            np.array(np.broadcast_to(stable, state.batch)),
+        )
 
     def link_pose(self, name, q, *, base=None):
         """Pose (..., 4, 4) of a link frame in the world, which is frame 0 where the base is fixed."""
@@ -139,7 +173,7 @@ class Dynamics:
         R, P = link_placements(self.robot, state.q)[frame.link]
         pose = np.zeros((*np.broadcast_shapes(R.shape[:-2], P.shape[:-1]), 4, 4))
         pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, P, 1
-        return _filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
+        return filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
 
     def expand(self, q):
         """Positions (..., all joints) of all joints, from those of the independent ones."""
@@ -161,8 +195,16 @@ class Dynamics:
         spread[..., self._independent] = efforts
         return spread
 
-    def _joints(self, what, values):
-        return finite(what, values, len(self.joint_names), f"joints ({', '.join(self.joint_names)})")
+    def _joints(self, what, values, left_open=()):
+        everyone = f"joints ({', '.join(self.joint_names)})"
+        return finite(what, values, len(self.joint_names), everyone, left_open)
+
+    def _driven(self, what, values):
+        """Accelerations or efforts that are given: of joints without motor neither can be."""
+        why = "no motor drives it, so the acceleration is part of the answer and the effort is zero"
+        return self._joints(
+            what, values, {place: f"joint {self.joint_names[place]!r}: {why}" for place in self._undriven}
+        )
 
     def _state(self, q, qd, base, external_wrenches=None, given=None):
         q, qd = self._joints("positions", q), self._joints("velocities", qd)
@@ -171,38 +213,38 @@ class Dynamics:
         batch = common_batch(q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
         return _State(q @ self._S.T + self._offset, qd @ self._S.T, base, wrenches, batch)
 
-    def _led(self, state, qdd):
-        """Forces of all joints, base acceleration and link wrenches, from the accelerations of all joints."""
-        sweep = sweep_forward(self.robot, state.q, state.qd, state.base.twist, state.wrenches)
-        if state.base.acceleration is not None:
-            forces, wrenches = inverse_dynamics(self.robot, sweep, qdd, state.base.acceleration)
-            return forces, state.base.acceleration, wrenches
-        found = recursion.solve(self.robot, sweep, _columns(qdd), [None] * len(self.robot.joints))
-        self._refuse_singular(found)
-        return found.forces, found.base_acceleration, found.wrenches
+    def _moved(self, state, unknown, accelerations, forces):
+        """(accelerations (..., n), forces (..., all joints), base acceleration, link wrenches).
 
-    def _pushed(self, state, forces):
-        """Accelerations, base acceleration and link wrenches, from forces: efforts less friction."""
-        if len(self.joint_names) < len(self.robot.joints):
-            qdd = self._pushed_together(state, forces)
-            return qdd, *self._led(state, qdd @ self._S.T)[1:]
-        sweep = sweep_forward(self.robot, state.q, state.qd, state.base.twist, state.wrenches)
-        accelerations = [None] * len(self.robot.joints)
-        found = recursion.solve(self.robot, sweep, accelerations, _columns(forces), state.base.acceleration)
+        unknown: numbers of the independent joints whose acceleration is unknown; accelerations: (..., n), those that
+        are known; forces: (..., n) where accelerations are unknown, less friction and springs.
+        """
+        robot, base, depends = self.robot, state.base, len(self.joint_names) < len(self.robot.joints)
+        if depends and len(unknown):
+            accelerations, unknown = self._moved_together(state, unknown, accelerations, forces), ()
+        sweep = sweep_forward(robot, state.q, state.qd, base.twist, state.wrenches)
+        everyone = accelerations @ self._S.T
+        if not len(unknown) and base.acceleration is not None:
+            forces, wrenches = inverse_dynamics(robot, sweep, everyone, base.acceleration)
+            return accelerations, forces, base.acceleration, wrenches
+        known = [None if number in unknown else column for number, column in enumerate(_columns(everyone))]
+        pushed = [column if number in unknown else None for number, column in enumerate(_columns(forces @ self._S.T))]
+        found = recursion.solve(robot, sweep, known, pushed, base.acceleration)
         self._refuse_singular(found)
-        return found.accelerations, found.base_acceleration, found.wrenches
+        found_accelerations = accelerations if depends else found.accelerations
+        return found_accelerations, found.forces, found.base_acceleration, found.wrenches
 
-    def _pushed_together(self, state, forces):
-        """Accelerations of the independent joints of a robot in which some depend on others."""
+    def _moved_together(self, state, unknown, accelerations, forces):
+        """Accelerations of the independent joints of a robot in which some depend on others, as for `_moved`."""
         base = state.base
         known = np.zeros(6) if base.acceleration is None else base.acceleration
         H = bias(self.robot, state.q, state.qd, base.twist, known, state.wrenches)
         if base.acceleration is not None:
             H = H[..., -len(self.robot.joints) :]
-        qdd, pivots, diagonal = coupled_accelerations(self.robot, self._S, state.q, forces, H)
-        names = (BASE_ROWS + self.joint_names)[-len(pivots) :]
-        for k, name in enumerate(names):
-            _refuse_singular(pivots[k], diagonal[..., k], name)
+        qdd, pivots, diagonal = coupled_accelerations(self.robot, self._S, state.q, unknown, accelerations, forces, H)
+        names = BASE_ROWS + tuple(self.joint_names[number] for number in unknown)
+        for k, name in enumerate(names[-len(pivots) :]):
+            refuse_singular(pivots[k], diagonal[..., k], name)
         return qdd
 
     def _refuse_singular(self, found):
@@ -217,15 +259,15 @@ class Dynamics:
                 # kg beside kg where the joint moves along its axis, kg m² beside kg m² where it turns about it
                 alike = slice(0, 3) if joint.prismatic else slice(3, 6)
                 diagonal = np.diagonal(folded.inertias[j][..., alike, alike], axis1=-2, axis2=-1)
-                _refuse_singular(folded.resistances[j], diagonal.max(axis=-1, keepdims=True), f"joint {joint.name!r}")
+                refuse_singular(folded.resistances[j], diagonal.max(axis=-1, keepdims=True), f"joint {joint.name!r}")
         for k, pivot in enumerate(found.base_pivots):
-            _refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
+            refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
 
     def _bias(self, state, base, twist, acceleration):
         if base is not None and base.acceleration is not None:
             raise QuestionError("the acceleration of the base has no part in this term: leave it out of Base")
         with np.errstate(all="ignore"):
-            return _filled(bias(self.robot, state.q, state.qd, twist, acceleration) @ self._projection, state.batch)
+            return filled(bias(self.robot, state.q, state.qd, twist, acceleration) @ self._projection, state.batch)
 
     def _in_link_frames(self, wrenches):
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""
@@ -248,26 +290,3 @@ class _State:
 def _columns(array):
     """The columns (..., 1) of (..., n) as a list of n."""
     return np.split(array, array.shape[-1], axis=-1) if array.shape[-1] else []
-
-
-def _filled(array, batch, axes=1):
-    """A new array with the whole batch shape in front of the last axes. Refuses what is not finite."""
-    filled = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
-    if not np.isfinite(filled).all():
-        sample = tuple(int(index) for index in np.argwhere(~np.isfinite(filled))[0][: len(batch)])
-        _overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
-    return filled
-
-
-def _overflow(where=""):
-    raise QuestionError(f"the answer{where} is no finite number: something that is asked, or the robot, is too large")
-
-
-def _refuse_singular(pivot, scale, name):
-    if np.isnan(pivot).any():
-        _overflow()
-    if not np.all(pivot > SINGULAR * np.abs(scale)):
-        raise SingularModelError(
-            f"direct model: nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
-            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
-        )

@@ -16,7 +16,7 @@ class QuestionError(RobotDynamicsError):
 
 
 class SingularModelError(RobotDynamicsError):
-    """The direct model has no finite answer: nothing with inertia resists some motion."""
+    """A model has no answer: nothing with inertia resists some motion, or no equilibrium was found."""
 
 
 def unknown_name(kind, name, known):

@@ -47,8 +47,11 @@ class BaseState:
         return acceleration - self.at_rest
 
 
-def finite(what, values, size, of_what):
-    """An array of floats (..., size), all finite. Raises QuestionError saying which is not."""
+def finite(what, values, size, of_what, left_open=None):
+    """An array of floats (..., size), all finite. Raises QuestionError saying which is not.
+
+    left_open: {column: why nothing can be given there}, columns in which 0 and nan say nothing; 0 comes out.
+    """
     try:
         array = np.asarray(values.filled(np.nan) if isinstance(values, np.ma.MaskedArray) else values)
     except (TypeError, ValueError):
@@ -62,6 +65,14 @@ def finite(what, values, size, of_what):
         raise QuestionError(
             f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {of_what}"
         )
+    if left_open:
+        array = array.copy()
+        for column, why in left_open.items():
+            entries = array[..., column]
+            if not (np.isnan(entries) | (entries == 0)).all():
+                given = entries[~(np.isnan(entries) | (entries == 0))].flat[0]
+                raise QuestionError(f"{what}[{column}] is {given:g}: {why}. Give 0 or nan there")
+            array[..., column] = 0
     if not np.isfinite(array).all():
         where = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
         sample = f" at sample {', '.join(map(str, where[:-1]))}" if len(where) > 1 else ""

@@ -9,7 +9,7 @@ from peers.real_robots import real_urdf
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, QuestionError, SingularModelError
-from robot_dynamics.model.urdf import read_urdf
+from robot_dynamics.model.formats.urdf import read_urdf
 
 ROBOTS = {"panda": False, "ur5": False, "tiago": False, "talos": True, "anymal_c": True, "borinot": True}
 

@@ -1,1 +1,1 @@
-"""What a robot is: data, readers and writers. No algorithm."""
+"""What a robot is: data, and the formats that it is read from and written to. No algorithm."""

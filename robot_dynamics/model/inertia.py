@@ -78,6 +78,12 @@ class Inertia:
     def is_finite(self):
         return bool(np.isfinite(self.spatial).all())
 
+    @property
+    def is_moment_about_z(self):
+        """Whether nothing is there but a positive moment of inertia about the z axis."""
+        others = np.delete(self.spatial.ravel(), -1)
+        return bool(self.second_moments[2, 2] > 0 and not np.any(others))
+
     def objections(self):
         """Why no real body has these parameters: a list of sentences, empty for a body that can exist."""
         if self.mass < 0:

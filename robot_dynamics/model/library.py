@@ -1,30 +1,38 @@
 """Where descriptions come from: a text, a file, or the name of a robot that ships with the package."""
 
 import logging
+import re
 from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError, unknown_name
-from robot_dynamics.model.robot import EARTH
-from robot_dynamics.model.urdf import read_urdf
-from robot_dynamics.model.urdf_document import LARGEST_DESCRIPTION
+from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
+from robot_dynamics.model.formats.par import read_par
+from robot_dynamics.model.formats.text import UTF16_MARKS
+from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.urdf_document import LARGEST_DESCRIPTION
+
+FORMATS = "a URDF, an MDH table in YAML or a SYMORO+ .par"
+SUFFIXES = (".urdf", ".yaml", ".par")
 
 logger = logging.getLogger(__name__)
 
 
-def load_robot(description, *, moving_base=None, gravity=EARTH, strict=False):
+def load_robot(description, *, values=None, moving_base=None, gravity=None, strict=False):
     """Load a robot.
 
-    description: the text of a URDF, the path of such a file, or the name of a robot that ships (`shipped_robots()`).
-    moving_base: whether the base is free to move; None: as the description says. gravity: (3,) [m/s²], in the world.
-    strict: refuse inertias that no real body has, instead of warning.
+    description: the text of a URDF, of an MDH table in YAML or of a SYMORO+ .par, the path of such a file, or the name
+    of a robot that ships (`shipped_robots()`). values: {name: number or expression} for names that a .par leaves open,
+    or in the place of `parameters` of an MDH table. moving_base: whether the base is free to move; gravity: (3,)
+    [m/s²], in the world; None: as the description says, else fixed, and the Earth's. strict: refuse inertias that no
+    real body has, instead of warning.
 
     Raises DescriptionError.
     """
-    if isinstance(description, bytes) or (isinstance(description, str) and "<" in description):
+    if isinstance(description, bytes) or (isinstance(description, str) and ("<" in description or "\n" in description)):
         text, source = description, "description"
     else:
         text, source = read_file(description)
-    robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
+    robot = read_robot(text, source=source, values=values, moving_base=moving_base, gravity=gravity)
     if strict:
         robot.refuse_doubtful()
     for warning in robot.warnings:
@@ -32,12 +40,40 @@ def load_robot(description, *, moving_base=None, gravity=EARTH, strict=False):
     return robot
 
 
+def read_robot(text, *, source, values=None, moving_base=None, gravity=None):
+    """The Robot of a text (str or bytes) in any of the formats; which one it is, its first characters tell.
+
+    source: what to call the text in errors; the rest as for `load_robot`. Raises DescriptionError.
+    """
+    settings = {"source": source, "moving_base": moving_base, "gravity": gravity}
+    if is_urdf(text):
+        if values:
+            raise DescriptionError(f"{source}: values of {', '.join(values)} are given, but a URDF leaves no name open")
+        return read_urdf(text, **settings)
+    if re.match(r"\s*(\(\*|\w+\s*=)", _beginning(text)):
+        return read_par(text, values=values, **settings)
+    return read_mdh_yaml(text, values=values, **settings)
+
+
+def is_urdf(text):
+    """Whether a text (str or bytes) is to be read as a URDF: it begins as XML does."""
+    return re.match(r"\s*<", _beginning(text)) is not None
+
+
+def _beginning(text):
+    beginning = text[:1000]
+    if isinstance(text, bytes):
+        encoding = "utf-16" if text[:2] in UTF16_MARKS else "latin-1"
+        beginning = beginning.decode(encoding, "ignore").removeprefix("ï»¿")
+    return beginning.removeprefix("\ufeff")
+
+
 def read_file(name):
     """(content in bytes, what to call it) of a path, or of the name of a robot that ships."""
     if not isinstance(name, str | Path) or not str(name).strip():
         what = "empty" if isinstance(name, str) else f"{name!r}"
         raise DescriptionError(
-            f"the description is {what}: the text of a URDF, its path or the name of a robot that ships is needed"
+            f"the description is {what}: the text of {FORMATS}, its path or the name of a robot that ships is needed"
         )
     shipped = shipped_robots()
     path = shipped.get(str(name), Path(name))
@@ -63,5 +99,5 @@ def shipped_robots():
     for folder in Path(__file__).resolve().parents:
         for robots in (folder / "config" / "robots", folder / "share" / "robot_dynamics" / "config" / "robots"):
             if robots.is_dir():
-                return {path.stem: path for path in sorted(robots.glob("*.urdf"))}
+                return {path.stem: path for path in sorted(robots.iterdir()) if path.suffix in SUFFIXES}
     return {}

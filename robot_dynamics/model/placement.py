@@ -31,3 +31,27 @@ def rotation_with_z_along(axis):
     x -= z * (z @ x)
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(z, x), z])
+
+
+def rotation_from_roll_pitch_yaw(roll, pitch, yaw):
+    """The rotation (3, 3) Rot(z, yaw) Rot(y, pitch) Rot(x, roll) of three angles [rad], as URDF means them."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos([roll, pitch, yaw]), np.sin([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def roll_pitch_yaw(rotation):
+    """Three angles [rad] that `rotation_from_roll_pitch_yaw` turns into this rotation (3, 3).
+
+    Near a pitch of a right angle roll and yaw are hardly told apart; yaw is what remains when roll is undone, so that
+    the rotation is exact there too.
+    """
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    y = np.cos(roll) * rotation[:, 1] - np.sin(roll) * rotation[:, 2]  # second column of Rot(z, yaw) Rot(y, pitch)
+    return tuple(float(angle) + 0.0 for angle in (roll, pitch, np.arctan2(-y[0], y[1])))  # + 0.0: no minus zero

@@ -14,6 +14,7 @@ from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.inertia import Inertia
 
 EARTH = (0.0, 0.0, -9.81)
+MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,18 @@ class Mimic:
     offset: float = 0.0
 
 
+@dataclass(frozen=True)
+class Spring:
+    """What an elastic joint is held by: force = -stiffness · (position - rest) - damping · velocity.
+
+    stiffness: k [N m/rad or N/m]; rest: q₀ [rad or m]; damping [N m s/rad or N s/m].
+    """
+
+    stiffness: float
+    rest: float = 0.0
+    damping: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A joint with one degree of freedom, and how it places the frame of its link.
@@ -42,7 +55,8 @@ class Joint:
     antecedent: a(j), the number of the link that carries it. prismatic: σ. placement: iTj (4, 4) of frame j in the
     frame of the antecedent where the joint variable is zero; the variable then turns frame j about z_j or moves it
     along z_j. rotor_inertia: Ia, seen at the joint [kg m² or kg]; viscous_friction: Fv [N m s/rad or N s/m];
-    coulomb_friction: Fs [N m or N].
+    coulomb_friction: Fs [N m or N]. actuated: μ, whether a motor drives it; one without motor is elastic where it has a
+    spring, else passive. A spring beside a motor bears its part of the load.
     """
 
     name: str
@@ -54,6 +68,15 @@ class Joint:
     coulomb_friction: float = 0.0
     limits: Limits = field(default_factory=Limits)
     mimic: Mimic | None = None
+    actuated: bool = True
+    spring: Spring | None = None
+
+    @property
+    def role(self):
+        """actuated, elastic or passive; a joint that follows another one: mimic."""
+        if self.mimic is not None:
+            return "mimic"
+        return "actuated" if self.actuated else "passive" if self.spring is None else "elastic"
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +118,8 @@ class Robot:
         self._check_gravity_and_base()
         if len(self.links) != len(self.joints) + 1:
             raise DescriptionError(f"{len(self.joints)} joints move {len(self.links)} links: one link more is needed")
+        if len(self.joints) > MOST_JOINTS:
+            raise DescriptionError(f"{len(self.joints)} moving joints are more than are read: {MOST_JOINTS} at most")
         for kind, items in (("joint", self.joints), ("frame", self.frames)):
             (repeated, times), *_ = [*Counter(item.name for item in items).most_common(1), ("", 1)]
             if times > 1:
@@ -111,6 +136,9 @@ class Robot:
         for frame in self.frames:
             if not 0 <= frame.link < len(self.links):
                 raise DescriptionError(f"frame {frame.name!r} is on link {frame.link}, of 0 to {len(self.links) - 1}")
+        for number, link in enumerate(self.links):
+            if self.frames_by_name[link.name].link != number:
+                raise DescriptionError(f"frame {link.name!r} is on another link than the one of its name")
         _ = self.leaders
 
     def __repr__(self):
@@ -174,9 +202,11 @@ class Robot:
     def warnings(self):
         """What is doubtful about the inertias, judged on whole links with all that is fixed to them: sentences.
 
-        The inertia of a base that does not move counts nowhere and is not judged.
+        The inertia of a base that does not move counts nowhere and is not judged; of a link that turns about an axis
+        of such a base tables give what counts, the moment about this axis alone.
         """
-        judged = self.links if self.moving_base else self.links[1:]
+        first = 0 if self.moving_base else 1
+        judged = [link for number, link in enumerate(self.links[first:], first) if number not in self._known_by_moment]
         found = [f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.objections()]
         if self.moving_base and not any(link.inertia.mass for link in self.links):
             found.append("the moving base and all that it carries have no mass, so no model has an answer")
@@ -188,6 +218,19 @@ class Robot:
                     "inertia, so the direct model has no answer"
                 )
         return tuple(found)
+
+    @property
+    def _known_by_moment(self):
+        """Numbers of the links of which only the moment about their axis is told, an axis that stands still."""
+        still, known = set() if self.moving_base else {0}, set()
+        for number, joint in enumerate(self.joints, start=1):
+            R, P = joint.placement[:3, :3], joint.placement[:3, 3]
+            on_axis = joint.antecedent == 0 or not (np.any(R[:2, 2]) or np.any(P[:2]))
+            if joint.antecedent in still and on_axis and not joint.prismatic:
+                still.add(number)
+                if self.links[number].inertia.is_moment_about_z:
+                    known.add(number)
+        return known
 
     @property
     def _resisted(self):
@@ -239,7 +282,9 @@ def _check_joint(number, joint):
             f"joint {joint.name!r} moves link {number} but hangs on link {joint.antecedent}: "
             "a link comes after its antecedent"
         )
-    mimic = joint.mimic or Mimic("")
+    if joint.mimic is not None and not joint.actuated:
+        raise DescriptionError(f"joint {joint.name!r} follows another one: whether it has a motor is said of that one")
+    mimic, spring = joint.mimic or Mimic(""), joint.spring or Spring(0.0)
     numbers = {
         "placement": joint.placement,
         "rotor_inertia": joint.rotor_inertia,
@@ -247,6 +292,9 @@ def _check_joint(number, joint):
         "coulomb_friction": joint.coulomb_friction,
         "multiplier": mimic.multiplier,
         "offset": mimic.offset,
+        "stiffness": spring.stiffness,
+        "rest position": spring.rest,
+        "damping": spring.damping,
     }
     for name, value in numbers.items():
         value = np.asarray(value)
@@ -254,5 +302,5 @@ def _check_joint(number, joint):
             continue
         if not np.isfinite(value).all():
             raise DescriptionError(f"joint {joint.name!r}: {name} is not finite")
-        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction")):
+        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction", "stiffness", "damping")):
             raise DescriptionError(f"joint {joint.name!r}: {name} {value:g} is negative, it would drive the joint")

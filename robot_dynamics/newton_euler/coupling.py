@@ -25,21 +25,29 @@ def projection(S, base_rows):
     return matrix
 
 
-def coupled_accelerations(robot, S, q, forces, bias):
+def coupled_accelerations(robot, S, q, unknown, accelerations, forces, bias):
     """(q̈ (..., m), pivots, diagonal): the accelerations of the independent joints, and what tells whether the matrix
     that gave them was positive definite: its pivots, a list, beside its diagonal (..., k).
 
-    q: (..., joints) of all joints; forces: (..., m) on the independent ones, Sᵀ Γ; bias: H (..., joints), or with the
-    six rows of a moving base in front where its acceleration is unknown.
+    q: (..., joints) of all joints; unknown: numbers of the independent joints whose acceleration is unknown;
+    accelerations: (..., m), those that are known; forces: (..., m) on the independent ones, Sᵀ Γ, those that count
+    where the acceleration is unknown; bias: H (..., joints), or with the six rows of a moving base in front where its
+    acceleration is unknown.
 
-    The direct model by projection, Sᵀ A S q̈ = Sᵀ (Γ - H): Khalil, section 4 (A_c and H_c by Walker and Orin) with a
-    constant G = S.
+    The rows of the unknown accelerations of Sᵀ A S q̈ = Sᵀ (Γ - H): Khalil, section 4 (A_c and H_c by Walker and Orin)
+    with a constant G = S; and section 6, second row of the general form, where only some are unknown.
     """
     rows = bias.shape[-1]
     base = rows - S.shape[0]
     P = projection(S, base)
     A = P.T @ inertia_matrix(robot, q)[..., -rows:, -rows:] @ P
-    push = -bias @ P
+    sought = np.array([*range(base), *(base + number for number in unknown)], dtype=int)
+    found = np.zeros((*np.broadcast_shapes(bias.shape[:-1], forces.shape[:-1], accelerations.shape[:-1]), P.shape[1]))
+    found[..., base:] = accelerations
+    found[..., sought] = 0
+    push = -bias @ P - (A @ found[..., None])[..., 0]
     push[..., base:] += forces
+    A = A[..., sought[:, None], sought]
     factors = linear.factor(A)
-    return linear.solve(factors, push)[..., base:], factors[1], np.diagonal(A, axis1=-2, axis2=-1)
+    found[..., sought] = linear.solve(factors, push[..., sought])
+    return found[..., base:], factors[1], np.diagonal(A, axis1=-2, axis2=-1)

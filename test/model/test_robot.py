@@ -7,9 +7,9 @@ import pytest
 from peers.random_robots import random_urdf
 
 from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, SingularModelError, load_robot
+from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
 from robot_dynamics.model.robot import Frame, Mimic
-from robot_dynamics.model.urdf import read_urdf
 
 
 def arm(tip="", joint="", between=""):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from peers.random_robots import random_urdf
 
-from robot_dynamics.model.urdf import read_urdf
+from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import sweep_forward

@@ -7,20 +7,19 @@ import yourdfpy
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.urdf_document import check_urdf, parse_urdf_text
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
-from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot
-from robot_dynamics.model.urdf_document import check_urdf, parse_urdf_text
-
-MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
+from robot_dynamics.model.robot import EARTH, MOST_JOINTS, Frame, Joint, Limits, Link, Mimic, Robot
 
 
-def read_urdf(text, *, source="URDF", moving_base=None, gravity=EARTH):
+def read_urdf(text, *, source="URDF", moving_base=None, gravity=None):
     """Read a robot from the text of a URDF (str or bytes).
 
-    source: what to call the description in errors. gravity: (3,) [m/s²], in the world. moving_base: whether the base is
-    free to move; None: it is where a joint of type floating leaves the root link. The base is then the link that
-    floats, whose pose in the world is what the joint leaves open; held fixed, it stands where the joint's origin says.
+    source: what to call the description in errors. gravity: (3,) [m/s²], in the world; None: the Earth's. moving_base:
+    whether the base is free to move; None: it is where a joint of type floating leaves the root link. The base is then
+    the link that floats, whose pose in the world is what the joint leaves open; held fixed, it stands where the joint's
+    origin says.
 
     The variable of each joint keeps URDF's sign and zero. Meshes are never loaded. Raises DescriptionError.
     """
@@ -31,7 +30,7 @@ def read_urdf(text, *, source="URDF", moving_base=None, gravity=EARTH):
         document = yourdfpy.URDF.load(checked, build_scene_graph=False, load_meshes=False)
     except Exception as error:  # what the checks let pass and yourdfpy cannot read is still the text's fault
         raise DescriptionError(f"{source} cannot be read: {error}") from error
-    return _Builder(document.robot, source).build(moving_base, gravity)
+    return _Builder(document.robot, source).build(moving_base, EARTH if gravity is None else gravity)
 
 
 class _Builder:

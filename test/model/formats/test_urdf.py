@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from peers.real_robots import real_urdf
 
 from robot_dynamics import DescriptionError, RobotDynamicsError, load_robot
-from robot_dynamics.model.urdf import read_urdf
-from robot_dynamics.model.urdf_document import LARGEST_DESCRIPTION
+from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.urdf_document import LARGEST_DESCRIPTION
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 JOINT = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'

@@ -10,6 +10,7 @@ import re
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.model.formats.text import decode_text
 
 LARGEST_DESCRIPTION = 10 * 1024 * 1024  # characters; the largest real descriptions have half a million
 
@@ -60,24 +61,11 @@ def keep_used(element, kind):
 
 
 def decode(text, source):
-    if len(text) > LARGEST_DESCRIPTION:
-        raise DescriptionError(
-            f"{source} has {len(text)} characters: more than {LARGEST_DESCRIPTION} are not read. "
-            "A description refers to its meshes, it does not contain them"
-        )
+    encoding = "utf-8-sig"
     if isinstance(text, bytes):
         declared = re.match(rb"\s*<\?xml[^>]*?encoding\s*=\s*[\"']([A-Za-z0-9._-]+)", text)
-        encoding = declared.group(1).decode() if declared else "utf-8-sig"
-        if text[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            encoding = "utf-16"
-        try:
-            text = text.decode(encoding)
-        except (UnicodeError, LookupError) as error:
-            raise DescriptionError(f"{source} cannot be decoded: {error}. Save it as UTF-8") from None
-    text = text.removeprefix("\ufeff")
-    if not text.strip():
-        raise DescriptionError(f"{source} is empty: a URDF is needed")
-    return text
+        encoding = declared.group(1).decode() if declared else encoding
+    return decode_text(text, source, "a URDF", LARGEST_DESCRIPTION, encoding)
 
 
 def refuse_what_reaches_outside(text, source):

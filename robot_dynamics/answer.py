@@ -1,0 +1,74 @@
+"""What is answered: the dynamics of a state as arrays, and the refusal of what has no answer."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.errors import QuestionError, SingularModelError
+
+SINGULAR = 1e-14  # an inertia below this part of the largest one beside it is rounding
+UNBALANCED = 1e-9  # what may be left of the forces of an equilibrium, as a part of weights, wrenches and springs
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The dynamics of a state.
+
+    accelerations, efforts: (..., n), one of them as given; base_acceleration: (..., 6), None where the base is fixed;
+    reactions: (..., 1 + joints, 6) [N, N m], first what the ground exerts on the base, in frame 0, then what each of
+    all joints exerts on the link it moves, in the link frame of that link, at its origin.
+    """
+
+    accelerations: np.ndarray
+    efforts: np.ndarray
+    base_acceleration: np.ndarray | None
+    reactions: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Equilibrium:
+    """A robot at rest, its motors holding it.
+
+    positions, efforts: (..., n), the positions of joints without motor as found; reactions: (..., 1 + joints, 6) as in
+    Answer; stable: (...) whether the joints without motor come back when they are moved a little.
+    """
+
+    positions: np.ndarray
+    efforts: np.ndarray
+    reactions: np.ndarray
+    stable: np.ndarray
+
+
+def filled(array, batch, axes=1):
+    """A new array with the whole batch shape in front of the last axes. Refuses what is not finite."""
+    complete = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
+    if not np.isfinite(complete).all():
+        sample = tuple(int(index) for index in np.argwhere(~np.isfinite(complete))[0][: len(batch)])
+        _overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
+    return complete
+
+
+def _overflow(where=""):
+    raise QuestionError(f"the answer{where} is no finite number: something that is asked, or the robot, is too large")
+
+
+def refuse_singular(pivot, scale, name):
+    if np.isnan(pivot).any():
+        _overflow()
+    if not np.all(pivot > SINGULAR * np.abs(scale)):
+        raise SingularModelError(
+            f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
+            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
+        )
+
+
+def refuse_unbalanced(unbalance):
+    unbalance = np.atleast_1d(unbalance)
+    if not np.isfinite(unbalance).all():
+        _overflow()
+    if not np.all(unbalance < UNBALANCED):
+        sample = int(np.argmax(unbalance.ravel() >= UNBALANCED))
+        raise SingularModelError(
+            f"no equilibrium was found from the positions of sample {sample}: {unbalance.ravel()[sample]:.1%} of the "
+            "forces are left over. Give other positions of the joints without motor to begin with, or stiffer springs"
+        )

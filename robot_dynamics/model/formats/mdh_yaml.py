@@ -1,0 +1,211 @@
+"""Robot from a table of modified Denavit-Hartenberg parameters in YAML; the format is mdh.schema.json."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.model.formats.expression import evaluate
+from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
+from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot, Spring
+
+SCHEMA = Path(__file__).with_name("mdh.schema.json")
+BODY = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia")
+MOVES = ("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits")
+
+
+def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gravity=None):
+    """Read a robot from the YAML text of its MDH table (str or bytes).
+
+    source: what to call the description in errors. values: {name: number or expression} in the place of entries of
+    `parameters`. moving_base, gravity (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
+
+    Raises DescriptionError, which tells line and column, what is wrong and what would be right.
+    """
+    document = YamlDocument(text, source, "an MDH table in YAML")
+    if not isinstance(document.data, dict):
+        document.fail((), "a mapping with the keys robot and joints is needed")
+    document.validate(_validator())
+    return _Builder(document, values or {}).build(moving_base, gravity)
+
+
+@cache
+def _validator():
+    return validator_of(json.loads(SCHEMA.read_text(encoding="utf-8")))
+
+
+class _Builder:
+    """Walks the rows of a validated document in their order and gathers links, joints and frames."""
+
+    def __init__(self, document, values):
+        self.document, self.data = document, document.data
+        for key in ("loops", "platform"):
+            if self.data.get(key):
+                document.fail((key,), f"{key} can be described but not be computed yet: only trees can")
+        self.names = self._parameters(values)
+
+    def build(self, moving_base, gravity):
+        base = self.data.get("base", {})
+        self.links = [base.get("link", "base_link")]
+        self.inertias, self.joints = [self._inertia(base, ("base",))], []
+        self.placed = {self.links[0]: (0, np.eye(4))}  # link number and placement in its frame, of all frames by name
+        self.told_frames = set()
+        for number, row in enumerate(self.data["joints"]):
+            self._row(row, ("joints", number))
+        for number, frame in enumerate(self.data.get("frames", [])):
+            self._frame(frame, ("frames", number))
+        if moving_base is None:
+            moving_base = base.get("moving", False)
+        if gravity is None:
+            gravity = self._vector(self.data, "gravity", ()) if "gravity" in self.data else EARTH
+        try:
+            return Robot(
+                name=self.data["robot"],
+                links=tuple(map(Link, self.links, self.inertias)),
+                joints=tuple(self.joints),
+                frames=tuple(Frame(name, *place) for name, place in self.placed.items()),
+                moving_base=moving_base,
+                gravity=gravity,
+            )
+        except DescriptionError as error:
+            self.document.fail((), str(error))
+
+    def _parameters(self, values):
+        names, told = {}, self.data.get("parameters", {})
+        for name in values:
+            if name not in told:
+                self.document.fail(("parameters",), f"value given for {unknown_name('parameter', name, told)}")
+        for name, value in told.items():
+            try:
+                names[name] = evaluate(values.get(name, value), names)
+            except DescriptionError as error:
+                self.document.fail(("parameters", name), str(error))
+        return names
+
+    def _row(self, row, path):
+        name = row["link"]
+        if name in self.placed:
+            self.document.fail((*path, "link"), f"link or frame {name!r} is there already: names must differ")
+        link, frame = self._antecedent(row, path)
+        frame = frame @ self._mdh(row, path)
+        inertia = self._inertia(row, path)
+        if row.get("type") == "fixed":
+            for key in MOVES:
+                if key in row:
+                    self.document.fail((*path, key), f"a fixed row moves nothing: leave out {key}, or the type")
+            self.inertias[link] += inertia.seen_from(frame)
+            self.placed[name] = (link, frame)
+            return
+        if "joint" not in row:
+            self.document.fail(path, "joint missing: the name of the joint, or type: fixed")
+        self.joints.append(self._joint(row, link, frame, path))
+        self.links.append(name)
+        self.inertias.append(inertia)
+        self.placed[name] = (len(self.joints), np.eye(4))
+
+    def _antecedent(self, row, path):
+        """Link number and placement of the frame that a row is placed in; left out, that of the row before."""
+        name = row.get("antecedent", next(reversed(self.placed)))
+        if name not in self.placed:
+            hint = unknown_name("link", name, self.placed)
+            self.document.fail((*path, "antecedent"), f"{hint}. A row comes after the one it hangs on")
+        return self.placed[name]
+
+    def _joint(self, row, antecedent, placed, path):
+        role, spring = row.get("role"), self._spring(row, path)
+        if spring is not None and role is None and "mimic" not in row:
+            self.document.fail(
+                (*path, "spring"),
+                "role missing: elastic (the spring alone holds the joint) or actuated (a motor stands beside it)",
+            )
+        if (role == "elastic") > (spring is not None):
+            self.document.fail((*path, "role"), "an elastic joint needs a spring: {stiffness: ...}")
+        if role == "passive" and spring is not None:
+            self.document.fail((*path, "role"), "a passive joint that has a spring is elastic")
+        if role is not None and "mimic" in row:
+            self.document.fail((*path, "role"), "a joint that follows another one has no role of its own: leave it out")
+        limits = {key: self._number(row["limits"], key, (*path, "limits")) for key in row.get("limits", {})}
+        frictions = {
+            key: self._number(row, key, path) for key in ("rotor_inertia", "viscous_friction", "coulomb_friction")
+        }
+        return Joint(
+            name=row["joint"],
+            antecedent=antecedent,
+            prismatic=row.get("type") == "prismatic",
+            placement=placed,
+            limits=Limits(**limits),
+            mimic=self._mimic(row, path),
+            actuated=role in (None, "actuated"),
+            spring=spring,
+            **frictions,
+        )
+
+    def _spring(self, row, path):
+        if "spring" not in row:
+            return None
+        path = (*path, "spring")
+        return Spring(*(self._number(row["spring"], key, path) for key in ("stiffness", "rest", "damping")))
+
+    def _mimic(self, row, path):
+        if "mimic" not in row:
+            return None
+        told, path = row["mimic"], (*path, "mimic")
+        return Mimic(told["joint"], self._number(told, "multiplier", path, 1.0), self._number(told, "offset", path))
+
+    def _frame(self, frame, path):
+        """A named frame on a link; one of the link's own name says where wrenches and payloads on it are meant."""
+        name, link = frame["frame"], frame["link"]
+        if link not in self.links:
+            self.document.fail((*path, "link"), unknown_name("link", link, self.links))
+        number = self.links.index(link)
+        if name == self.links[0]:
+            self.document.fail((*path, "frame"), f"{name!r} is the base, whose frame is frame 0: take another name")
+        if name in self.placed and not (name == link and name not in self.told_frames):
+            self.document.fail((*path, "frame"), f"link or frame {name!r} is there already: names must differ")
+        self.told_frames.add(name)
+        rotation = rotation_from_roll_pitch_yaw(*self._vector(frame, "rpy", path))
+        self.placed[name] = (number, placement(rotation, self._vector(frame, "xyz", path)))
+
+    def _mdh(self, row, path):
+        told, path = row.get("mdh", {}), (*path, "mdh")
+        return placement_of(Row(*(self._number(told, key, path) for key in Row._fields)))
+
+    def _inertia(self, body, path):
+        """The Inertia about the frame's origin of a mapping that may have the keys of BODY."""
+        about_centre = {"centre_of_mass", "central_inertia"} & body.keys()
+        about_origin = {"first_moments", "inertia"} & body.keys()
+        if about_centre and about_origin:
+            self.document.fail(
+                path,
+                f"{about_centre.pop()} and {about_origin.pop()} say the same twice: give first_moments and inertia "
+                "about the origin of the frame, or centre_of_mass and central_inertia",
+            )
+        mass = self._number(body, "mass", path)
+        if mass < 0:
+            self.document.fail((*path, "mass"), f"mass {mass:g} kg is negative")
+        if not about_centre:
+            return Inertia(mass, self._vector(body, "first_moments", path), self._matrix(body, "inertia", path))
+        centre = placement(translation=self._vector(body, "centre_of_mass", path))
+        return Inertia.about_centre_of_mass(mass, self._matrix(body, "central_inertia", path), centre)
+
+    def _matrix(self, mapping, key, path):
+        told, path = mapping.get(key, {}), (*path, key)
+        xx, xy, xz, yy, yz, zz = (self._number(told, entry, path) for entry in ("xx", "xy", "xz", "yy", "yz", "zz"))
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+    def _vector(self, mapping, key, path):
+        return np.array([self._evaluate(value, (*path, key, k)) for k, value in enumerate(mapping.get(key, [0, 0, 0]))])
+
+    def _number(self, mapping, key, path, default=0.0):
+        return self._evaluate(mapping[key], (*path, key)) if key in mapping else default
+
+    def _evaluate(self, value, path):
+        try:
+            return evaluate(value, self.names)
+        except DescriptionError as error:
+            self.document.fail(path, str(error))

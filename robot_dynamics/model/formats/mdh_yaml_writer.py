@@ -1,0 +1,126 @@
+"""Robot to the YAML text of its MDH table, which `read_mdh_yaml` reads back."""
+
+import math
+import re
+
+import numpy as np
+import yaml
+
+from robot_dynamics.model.formats.expression import angle_text, number_text
+from robot_dynamics.model.mdh import clean_angle, clean_length
+from robot_dynamics.model.mdh_table import table
+from robot_dynamics.model.placement import roll_pitch_yaw
+from robot_dynamics.model.robot import EARTH, Limits
+
+HEADER = """\
+# Modified Denavit-Hartenberg parameters (Khalil and Kleinfinger). SI units: m, rad, kg, N m.
+# A frame is placed in that of its antecedent by
+#   Rot(z, gamma) Trans(z, b) Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r);
+# the joint variable adds to theta (revolute) or to r (prismatic). first_moments = mass * centre of mass, and
+# inertia is the matrix about the origin of the frame, along its axes; both include all that is fixed to the link.
+"""
+PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/.-]*")
+INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+
+
+def write_mdh_yaml(robot):
+    """The YAML text of a Robot in the frames that it has; see `minimal_frames` for those with the fewest numbers.
+
+    Nothing of the Robot is lost. Raises DescriptionError where a number is a symbol.
+    """
+    lines = [HEADER, f"format: 1\nrobot: {_name(robot.name)}\n"]
+    if tuple(robot.gravity) != EARTH:
+        lines.append(f"gravity: {_vector(robot.gravity)}\n")
+    base = [f"link: {_name(robot.base_link)}", *(["moving: true"] if robot.moving_base else [])]
+    lines += _block("base:", [*base, *_body(robot.links[0].inertia)], "  ")
+    inertias = {link.name: link.inertia for link in robot.links}
+    lines.append("\njoints:" if robot.joints else "\njoints: []")
+    for row in table(robot):
+        lines += _item(_row(row, inertias))
+    frames = [told for frame in robot.frames if (told := _frame(frame, robot))]
+    if frames:
+        lines += ["\nframes:", *(f"  - {_mapping(frame)}" for frame in frames)]
+    return "\n".join(lines) + "\n"
+
+
+def _block(title, entries, indent):
+    return [title, *(indent + entry for entry in entries)]
+
+
+def _item(entries):
+    first, *others = entries
+    return [f"  - {first}", *(f"    {entry}" for entry in others)]
+
+
+def _row(row, inertias):
+    """The entries of a TableRow."""
+    joint = row.joint
+    entries = [] if joint is None else [f"joint: {_name(joint.name)}"]
+    entries += [f"link: {_name(row.name)}", f"antecedent: {_name(row.antecedent)}"]
+    if joint is None or joint.prismatic:
+        entries.append(f"type: {'fixed' if joint is None else 'prismatic'}")
+    entries.append(f"mdh: {_mdh(row.row)}")
+    if joint is not None:
+        entries += [*_joint(joint), *_body(inertias[row.name])]
+    return entries
+
+
+def _mdh(row):
+    """γ and b only where they are needed, the others always, as tables have them."""
+    told = {key: angle_text(value) if key in ("gamma", "alpha", "theta") else number_text(value)
+            for key, value in row._asdict().items()}  # fmt: skip
+    return _mapping({key: text for key, text in told.items() if key not in ("gamma", "b") or text != "0"})
+
+
+def _joint(joint):
+    entries = []
+    for key in ("rotor_inertia", "viscous_friction", "coulomb_friction"):
+        if getattr(joint, key):
+            entries.append(f"{key}: {number_text(getattr(joint, key))}")
+    if joint.mimic is not None:
+        mimic = {"multiplier": number_text(joint.mimic.multiplier), "offset": number_text(joint.mimic.offset)}
+        entries.append(f"mimic: {_mapping({'joint': _name(joint.mimic.joint), **mimic})}")
+    elif joint.role != "actuated" or joint.spring is not None:
+        entries.append(f"role: {joint.role}")
+    if joint.spring is not None:
+        spring = {key: number_text(getattr(joint.spring, key)) for key in ("stiffness", "rest", "damping")}
+        entries.append(f"spring: {_mapping(spring)}")
+    limits = {key: getattr(joint.limits, key) for key in Limits.__dataclass_fields__}
+    limits = {key: number_text(value) for key, value in limits.items() if math.isfinite(value)}
+    return [*entries, *([f"limits: {_mapping(limits)}"] if limits else [])]
+
+
+def _body(inertia):
+    entries = []
+    if inertia.mass != 0:
+        entries.append(f"mass: {number_text(inertia.mass)}")
+    if np.any(inertia.first_moments != 0):
+        entries.append(f"first_moments: {_vector(inertia.first_moments)}")
+    told = {key: inertia.second_moments[index] for key, index in INERTIA_ENTRIES.items()}
+    told = {key: number_text(value) for key, value in told.items() if value != 0}
+    return [*entries, *([f"inertia: {_mapping(told)}"] if told else [])]
+
+
+def _frame(frame, robot):
+    """The entries of a named frame; none where the rows place it already."""
+    link = robot.links[frame.link].name
+    angles = [clean_angle(angle) for angle in roll_pitch_yaw(frame.placement[:3, :3])]
+    position = [clean_length(length) for length in frame.placement[:3, 3]]
+    if frame.name == link and not any(angles + position):
+        return {}
+    rpy = f"[{', '.join(map(angle_text, angles))}]"
+    return {"frame": _name(frame.name), "link": _name(link), "xyz": _vector(position), "rpy": rpy}
+
+
+def _mapping(texts):
+    return "{" + ", ".join(f"{key}: {text}" for key, text in texts.items()) + "}"
+
+
+def _vector(values):
+    return f"[{', '.join(map(number_text, values))}]"
+
+
+def _name(name):
+    if PLAIN_NAME.fullmatch(name) and name not in ("true", "false", "null"):
+        return name
+    return yaml.safe_dump(name, default_style='"', width=math.inf, allow_unicode=True).strip()

@@ -1,0 +1,26 @@
+"""The text of a description: decoded, neither empty nor endless."""
+
+from robot_dynamics.errors import DescriptionError
+
+UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
+
+
+def decode_text(text, source, need, largest, encoding="utf-8-sig"):
+    """The str of a description given as str, or as bytes as read from a file.
+
+    source: what to call it in errors; need: what it should be, for errors; largest: characters it may have; encoding:
+    of bytes without a UTF-16 byte order mark. Raises DescriptionError.
+    """
+    if len(text) > largest:
+        raise DescriptionError(f"{source} has {len(text)} characters: more than {largest} are not read for {need}")
+    if isinstance(text, bytes):
+        if text[:2] in UTF16_MARKS:
+            encoding = "utf-16"
+        try:
+            text = text.decode(encoding)
+        except (UnicodeError, LookupError) as error:
+            raise DescriptionError(f"{source} cannot be decoded: {error}. Save it as UTF-8") from None
+    text = text.removeprefix("\ufeff")
+    if not text.strip():
+        raise DescriptionError(f"{source} is empty: {need} is needed")
+    return text

@@ -1,0 +1,96 @@
+"""Frames chosen anew so that the MDH table has the fewest numbers (Khalil, section 2.1), the robot staying the same.
+
+Of frame j only z_j is given. About it x_j is free, and along it the origin; the joint variable keeps sign and zero,
+whatever is chosen. So x_j is laid along the common normal of z_j and the axis of the first link that hangs on link j:
+that link then needs neither γ nor b. Where this leaves a choice, θ_j or r_j becomes zero.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, Row, placement_of, rows_of
+from robot_dynamics.model.placement import inverse, placement
+from robot_dynamics.model.robot import Link
+
+
+def minimal_frames(robot):
+    """The same robot in frames with γ = b = 0 for the first link on every link but the base.
+
+    Joint variables, inertias, reactions and the named frames stay what and where they are; joint placements and the
+    inertias' numbers change with the frames.
+    """
+    followers = {joint.antecedent: joint for joint in reversed(robot.joints)}  # the first that hangs on each link
+    changes = [np.eye(4)]  # how the new frame j stands in the old one; frame 0 stays
+    joints, links = [], [robot.links[0]]
+    for number, (joint, link) in enumerate(zip(robot.joints, robot.links[1:], strict=True), start=1):
+        placed = inverse(changes[joint.antecedent]) @ joint.placement
+        change = _along_z(*_choice(placed, followers.get(number)))
+        changes.append(change)
+        joints.append(replace(joint, placement=_tidy(placed @ change)))
+        links.append(Link(link.name, link.inertia.seen_from(inverse(change))))
+    frames = [replace(frame, placement=inverse(changes[frame.link]) @ frame.placement) for frame in robot.frames]
+    return replace(robot, joints=tuple(joints), links=tuple(links), frames=tuple(frames))
+
+
+def _choice(placed, follower):
+    """(angle, distance) by which frame j is to be turned about and moved along z_j.
+
+    placed: iTj with the old frame j; follower: the joint whose axis x_j is to meet, None at the end of a branch.
+    """
+    last = rows_of(placed)[-1]
+    straight, back = -last.theta, -last.r  # these would make θ_j or r_j zero
+    if follower is None:
+        return straight, back
+    axis, point = follower.placement[:3, 2], follower.placement[:3, 3]
+    sine = math.hypot(axis[0], axis[1])
+    if sine >= NEARLY_PARALLEL:
+        toward = axis[:2] / sine
+        distance = point[2] - (point[:2] @ toward) / sine * axis[2]
+        return _nearest(math.atan2(toward[0], -toward[1]), straight), distance
+    if math.hypot(point[0], point[1]) > ROUNDING:
+        return _nearest(math.atan2(point[1], point[0]), straight), back
+    return straight, back
+
+
+def _nearest(angle, wanted):
+    """The angle, or its opposite, whichever is nearer to the one that is wanted: a normal has two directions."""
+    return angle if math.cos(angle - wanted) > -ROUNDING else angle + math.pi
+
+
+def _along_z(angle, distance):
+    return placement_of(Row(theta=angle, r=distance))
+
+
+def _tidy(matrix):
+    """The placement with what is rounding made zero."""
+    tidied = placement()
+    for row in rows_of(matrix):
+        tidied = tidied @ placement_of(row)
+    return tidied
+
+
+def snapped(robot, tolerance):
+    """The robot with its axes where they were meant: URDFs write 1.5708 for π/2.
+
+    Of each placement in an antecedent, angles that are within `tolerance` [rad] of a multiple of 15° become that
+    multiple: between the two axes, and about each of them. Positions stay as they are.
+    """
+    joints = [replace(joint, placement=_snapped(joint.placement, tolerance)) for joint in robot.joints]
+    frames = [replace(frame, placement=_snapped(frame.placement, tolerance)) for frame in robot.frames]
+    return replace(robot, joints=tuple(joints), frames=tuple(frames))
+
+
+def _snapped(matrix, tolerance):
+    def snap(angle):
+        nearest = round(angle / (math.pi / 12)) * (math.pi / 12)
+        return nearest if abs(angle - nearest) <= tolerance else angle
+
+    row = rows_of(placement(matrix[:3, :3]))[0]
+    alpha = snap(row.alpha)
+    if alpha == 0 or abs(alpha) == math.pi:  # γ and θ turn about the same line: only what they come to has a meaning
+        turn = Row(alpha=alpha, theta=snap(row.theta + math.copysign(row.gamma, math.cos(alpha))))
+    else:
+        turn = Row(gamma=snap(row.gamma), alpha=alpha, theta=snap(row.theta))
+    return placement(placement_of(turn)[:3, :3], matrix[:3, 3])

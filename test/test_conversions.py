@@ -1,0 +1,206 @@
+"""URDF to MDH table and back: inverse and direct model and A stay what they are, to 1e-9, on real robots and random
+trees, nearly parallel axes from 1e-12 to 1e-2 rad among them; names, frames and all else come along."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from peers.random_robots import inertial, numbers, random_states, random_urdf
+from peers.real_robots import REAL_ROBOTS, real_urdf
+
+from robot_dynamics import Dynamics, Spring, shipped_robots
+from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.urdf_writer import write_urdf
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.library import load_robot
+from robot_dynamics.model.minimal_frames import minimal_frames, snapped
+from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
+from robot_dynamics.model.robot import Frame, Joint, Limits, Link, Mimic, Robot
+
+TOLERANCE = 1e-9
+
+
+def relative_error(found, expected):
+    return np.abs(found - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-9)
+
+
+def misaligned_urdf(seed):
+    """A tree whose axes are turned from their parents' by whole right angles and by 1e-12 to 1e-2 rad more.
+
+    Every link has mass: between two joints that slide the same way a link without it would leave A singular.
+    """
+    rng = np.random.default_rng(seed)
+
+    def misalign(match):
+        quarter = rng.integers(-1, 3, 3) * np.pi / 2
+        tilt = rng.normal(size=3) * 10 ** rng.uniform(-12, -2)
+        return f'rpy="{numbers(quarter + tilt)}"'
+
+    text = re.sub(r'rpy="[^"]*"', misalign, random_urdf(seed))
+    text = re.sub(r'(<link name="\w*">)(</link>)', lambda found: f"{found[1]}{inertial(rng)}{found[2]}", text)
+    return re.sub(r'axis xyz="[^"]*"', 'axis xyz="0 0 1"', text)
+
+
+def check_same(robot, converted, seed, frames=True):
+    """The same motion takes the same efforts, with wrenches on links by name; poses of links stay where they are."""
+    before, after = Dynamics(robot), Dynamics(converted)
+    order = [after.joint_names.index(name) for name in before.joint_names]
+    assert sorted(order) == list(range(len(after.joint_names))) and converted.name == robot.name
+    assert converted.moving_base == robot.moving_base
+    assert set(robot.frames_by_name) <= set(converted.frames_by_name)
+    states = random_states(robot, len(order), 10, seed)
+    base, wrenches = states.base, states.wrenches
+
+    def shuffled(values):
+        other = np.zeros_like(values)
+        other[..., order] = values
+        return other
+
+    q, qd, qdd = states.q, states.qd, states.qdd
+    inverse = before.inverse(q, qd, qdd, base=base, external_wrenches=wrenches)
+    found = after.inverse(shuffled(q), shuffled(qd), shuffled(qdd), base=base, external_wrenches=wrenches)
+    assert relative_error(found[:, order], inverse) < TOLERANCE
+    A, B = before.inertia_matrix(q), after.inertia_matrix(shuffled(q))
+    rows = [*range(A.shape[-1] - len(order)), *(k + A.shape[-1] - len(order) for k in order)]
+    assert relative_error(B[:, rows][:, :, rows], A) < TOLERANCE
+    direct = before.direct(q, qd, inverse, base=base, external_wrenches=wrenches)
+    again = after.direct(shuffled(q), shuffled(qd), shuffled(inverse), base=base, external_wrenches=wrenches)
+    condition = np.linalg.cond(A).max() if A.size else 1
+    assert relative_error(again[:, order], direct) < TOLERANCE * max(1, condition / 1e5)
+    for name in robot.frames_by_name:
+        expected = before.link_pose(name, q, base=base)
+        np.testing.assert_allclose(after.link_pose(name, shuffled(q), base=base), expected, rtol=0, atol=1e-11)
+
+
+def check_conversions(urdf, moving_base, seed):
+    robot = read_urdf(urdf, moving_base=moving_base)
+    text = write_mdh_yaml(minimal_frames(robot))
+    from_yaml = read_mdh_yaml(text)
+    check_same(robot, from_yaml, seed)
+    from_urdf = read_urdf(write_urdf(from_yaml))
+    check_same(robot, from_urdf, seed)
+    for joint in robot.joints:
+        for other in (from_yaml, from_urdf):
+            same = other.joints[other.joint_numbers[joint.name]]
+            assert (same.limits.lower, same.limits.upper) == (joint.limits.lower, joint.limits.upper)
+            assert same.mimic == joint.mimic and same.prismatic == joint.prismatic
+            assert (same.viscous_friction, same.coulomb_friction) == (joint.viscous_friction, joint.coulomb_friction)
+
+
+@pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
+@pytest.mark.parametrize("name", REAL_ROBOTS)
+def test_real_robot_stays_the_same_as_a_table_and_as_a_urdf_again(name, moving_base):
+    check_conversions(real_urdf(name), moving_base, seed=3)
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_random_tree_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
+    check_conversions(random_urdf(seed), bool(seed % 2), seed)
+
+
+@pytest.mark.parametrize("seed", range(200))
+def test_tree_with_nearly_parallel_axes_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
+    check_conversions(misaligned_urdf(seed), bool(seed % 2), seed)
+
+
+@pytest.mark.parametrize("name", REAL_ROBOTS)
+def test_links_that_follow_one_another_need_neither_gamma_nor_b(name):
+    """In the first branch of each link but the base; axes that are nearly parallel made parallel before."""
+    robot = minimal_frames(snapped(read_urdf(real_urdf(name)), 1e-3))
+    text = write_mdh_yaml(robot)
+    first = {}
+    for number, joint in enumerate(robot.joints, start=1):
+        first.setdefault(joint.antecedent, robot.links[number].name)
+    rows = re.findall(r"link: (\S+)\n.*antecedent: (\S+)\n(?:    type: \S+\n)?    mdh: (.*)\n", text)
+    simple = [mdh for link, antecedent, mdh in rows if antecedent != robot.base_link and link in first.values()]
+    assert len(simple) == len({joint.antecedent for joint in robot.joints} - {0})
+    assert all("gamma" not in mdh and "b:" not in mdh for mdh in simple)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_shipped_robot_survives_write_and_read(name):
+    robot = load_robot(name)
+    again = read_mdh_yaml(write_mdh_yaml(robot))
+    assert [replace(joint, placement=None).__dict__ for joint in again.joints] == [
+        replace(joint, placement=None).__dict__ for joint in robot.joints
+    ]
+    q = np.linspace(-1, 1, len(Dynamics(robot).joint_names))
+    assert relative_error(Dynamics(again).inertia_matrix(q), Dynamics(robot).inertia_matrix(q)) < 1e-12
+
+
+reals = st.floats(-3, 3) | st.sampled_from([0.0, 1e-300, -0.0, 1 / 3, np.pi / 2])
+positive = st.floats(0, 1e6)
+names = st.text(min_size=1, max_size=8).filter(lambda name: name.isprintable()) | st.sampled_from(
+    ["no", "1", "1.5", "null", "true", "~", "a: b", "# x", "'", '"', "\t", "\n", "- x", "é", "日本", " "]
+)
+
+
+@st.composite
+def robots(draw):
+    """Any robot that can be described: trees, every kind of joint, odd names and numbers."""
+    count = draw(st.integers(0, 5))
+    found = draw(st.lists(names, min_size=3 * count + 4, max_size=3 * count + 4, unique=True))
+    joint_names, link_names, others = found[:count], found[count : 2 * count + 1], found[2 * count + 1 :]
+
+    def place():
+        return placement(
+            rotation_from_roll_pitch_yaw(*(draw(reals) for _ in range(3))), [draw(reals) for _ in range(3)]
+        )
+
+    def body():
+        entries = [draw(reals) for _ in range(6)]
+        moments = np.array([entries[:3], [entries[1], *entries[3:5]], [entries[2], *entries[4:]]])
+        return Inertia(draw(positive), [draw(reals) for _ in range(3)], moments)
+
+    joints = []
+    for k in range(count):
+        leads = k == 0 or draw(st.booleans())
+        bounds = [draw(reals | st.just(np.inf)) for _ in range(4)]
+        joints.append(
+            Joint(
+                name=joint_names[k],
+                antecedent=draw(st.integers(0, k)),
+                prismatic=draw(st.booleans()),
+                placement=place(),
+                rotor_inertia=draw(positive),
+                viscous_friction=draw(positive),
+                coulomb_friction=draw(positive),
+                limits=Limits(-bounds[0] if bounds[0] == np.inf else bounds[0], *bounds[1:]),
+                mimic=None if leads else Mimic(joint_names[k - 1], draw(reals), draw(reals)),
+                actuated=not leads or draw(st.booleans()),
+                spring=draw(st.none() | st.builds(Spring, positive, reals, positive)),
+            )
+        )
+    frames = [Frame(name, k, place() if k and draw(st.booleans()) else np.eye(4)) for k, name in enumerate(link_names)]
+    frames += [Frame(name, draw(st.integers(0, count)), place()) for name in others]
+    return Robot(
+        name=draw(names),
+        links=tuple(Link(name, body()) for name in link_names),
+        joints=tuple(joints),
+        frames=tuple(frames),
+        moving_base=draw(st.booleans()),
+        gravity=[draw(reals) for _ in range(3)],
+    )
+
+
+@settings(deadline=None, max_examples=300)
+@given(robots())
+def test_any_robot_survives_write_and_read(robot):
+    again = read_mdh_yaml(write_mdh_yaml(robot))
+    assert (again.name, again.moving_base) == (robot.name, robot.moving_base)
+    np.testing.assert_array_equal(again.gravity, robot.gravity)
+    assert [link.name for link in again.links] == [link.name for link in robot.links]
+    for link, same in zip(robot.links, again.links, strict=True):
+        np.testing.assert_array_equal(same.inertia.spatial, link.inertia.spatial)
+    for joint, same in zip(robot.joints, again.joints, strict=True):
+        assert replace(same, placement=0).__dict__ == replace(joint, placement=0).__dict__
+        np.testing.assert_allclose(same.placement, joint.placement, rtol=0, atol=1e-12)
+    assert set(robot.frames_by_name) <= set(again.frames_by_name)
+    for frame in robot.frames:
+        assert again.frames_by_name[frame.name].link == frame.link
+        np.testing.assert_allclose(again.frames_by_name[frame.name].placement, frame.placement, rtol=0, atol=1e-12)
