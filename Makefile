@@ -19,7 +19,7 @@ test demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test demo lint format lock colcon bench clean
+.PHONY: help venv test demo lint format lock colcon bench soak clean
 
 help:  ## list the targets
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1	\2/p' Makefile
@@ -50,6 +50,9 @@ colcon: venv  ## build both packages as in a ROS workspace, into build/, install
 
 bench: venv  ## measure the inverse and direct models beside Pinocchio
 	.venv/bin/python benchmarks/inverse_direct.py
+
+soak: venv  ## read a hundred thousand mutated descriptions of each format; takes some ten minutes
+	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
 
 clean:  ## remove all that the other targets made
 	rm -rf .venv .venv.lock build install log demo.png robot_dynamics.egg-info

@@ -34,11 +34,7 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
     order = match_joints(request.trajectory.joint_names, dynamics, namespace)
-    if not points:
-        raise QuestionError("the trajectory has no points: one at least is needed")
-    for number, point in enumerate(points):
-        require_empty(point, asked, f"points[{number}]", "it is what is asked for")
-    times = [nanoseconds(point.time_from_start) for point in points]
+    times = _times(points, (asked,), "it is what is asked for")
     q, qd = (read_joint_field(points, field, order) for field in ("positions", "velocities"))
     if given == "effort":
         question = {"efforts": read_efforts(points, order)}
@@ -67,8 +63,40 @@ def _complete(request, response, dynamics, namespace, given, asked):
     return response
 
 
+def _times(points, left_empty, why):
+    """time_from_start [ns] of the points of a question: one at least, in which the fields `left_empty` are."""
+    if not points:
+        raise QuestionError("the trajectory has no points: one at least is needed")
+    for number, point in enumerate(points):
+        for field in left_empty:
+            require_empty(point, field, f"points[{number}]", why)
+    return [nanoseconds(point.time_from_start) for point in points]
+
+
+def answer_static_equilibrium(request, response, dynamics, namespace):
+    """StaticEquilibrium.srv: where joints without motor come to rest, and the efforts that hold the others."""
+    robot, points = dynamics.robot, request.trajectory.points
+    order = match_joints(request.trajectory.joint_names, dynamics, namespace)
+    times = _times(points, ("velocities", "accelerations", "effort"), "it is part of the answer")
+    found = dynamics.equilibrium(
+        read_joint_field(points, "positions", order),
+        base=read_base(request.base, times, robot, namespace, at_rest=True),
+        external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
+    )
+    rest = np.zeros((len(points), len(dynamics.all_joint_names)))
+    efforts = dynamics.spread_efforts(found.efforts)
+    response.trajectory = write_trajectory(
+        request.trajectory, order, dynamics.expand(found.positions), rest, rest, efforts
+    )
+    response.stable = found.stable.tolist()
+    if request.reaction_wrenches:
+        response.reactions = write_reactions(points, found.reactions, order)
+    response.success = True
+    return response
+
+
 def answer_dynamics_terms(request, response, dynamics, namespace):
-    """DynamicsTerms.srv: A, Coriolis, gravity and friction at one state."""
+    """DynamicsTerms.srv: A, Coriolis, gravity, friction and elasticity at one state."""
     order = match_joints(request.joint_names, dynamics, namespace)
     state, base = request.state, request.base
     for place, message, fields in (("state", state, ("accelerations", "effort")), ("base", base, ("accelerations",))):
@@ -78,14 +106,15 @@ def answer_dynamics_terms(request, response, dynamics, namespace):
     moving = read_base_point(base, dynamics.robot)
     rows = order.independent
     names = [dynamics.joint_names[row] for row in rows]
-    friction = dynamics.friction(qd)
+    friction, elasticity = dynamics.friction(qd), dynamics.elasticity(q, qd)
     if moving is not None:
         names, rows = [*BASE_ROWS, *names], np.concatenate([np.arange(6), rows + 6])
-        friction = np.concatenate([np.zeros(6), friction])
+        friction, elasticity = (np.concatenate([np.zeros(6), term]) for term in (friction, elasticity))
     response.joint_names = names
     response.inertia_matrix = array("d", dynamics.inertia_matrix(q)[np.ix_(rows, rows)].tobytes())
     response.coriolis = array("d", dynamics.coriolis(q, qd, base=moving)[rows].tobytes())
     response.gravity = array("d", dynamics.gravity(q, base=moving)[rows].tobytes())
     response.friction = array("d", friction[rows].tobytes())
+    response.elasticity = array("d", elasticity[rows].tobytes())
     response.success = True
     return response

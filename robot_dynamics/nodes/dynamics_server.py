@@ -1,4 +1,4 @@
-"""The node dynamics_server: inverse dynamics, direct dynamics and the terms of the model as services."""
+"""The node dynamics_server: inverse and direct dynamics, static equilibria and the terms of the model as services."""
 
 import traceback
 
@@ -6,23 +6,29 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.nodes.answers import answer_direct_dynamics, answer_dynamics_terms, answer_inverse_dynamics
+from robot_dynamics.nodes.answers import (
+    answer_direct_dynamics,
+    answer_dynamics_terms,
+    answer_inverse_dynamics,
+    answer_static_equilibrium,
+)
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
-from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics, StaticEquilibrium
 
 SERVICES = (
     (InverseDynamics, "inverse_dynamics", answer_inverse_dynamics),
     (DirectDynamics, "direct_dynamics", answer_direct_dynamics),
     (DynamicsTerms, "dynamics_terms", answer_dynamics_terms),
+    (StaticEquilibrium, "static_equilibrium", answer_static_equilibrium),
 )
 
 
 class DynamicsServer(Node):
-    """Serves ~/inverse_dynamics, ~/direct_dynamics and ~/dynamics_terms for a robot.
+    """Serves ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms and ~/static_equilibrium for a robot.
 
-    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (text of a URDF),
-    else taken from the topic robot_description: dynamics_server --ros-args -p robot_file:=panda
+    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
+    from the topic robot_description: dynamics_server --ros-args -p robot_file:=panda
 
     A request that cannot be answered gets success false and the reason; the node goes on. Every second it tells on
     /diagnostics which robot it serves, how many requests were answered and refused, and why the last was refused.

@@ -57,6 +57,8 @@ def _field(points, field, order, place="points[{}]"):
                 f"{place.format(number)}.{field} has {len(column)} values: {size} are needed, one for each joint"
             )
     values = np.array(columns, dtype=float).reshape(len(points), size)
+    if field in ("accelerations", "effort"):  # of joints without motor nan says what is true: it cannot be given
+        values[np.isnan(values) & _without_motor(order)] = 0
     if not np.isfinite(values).all():
         point, joint = np.argwhere(~np.isfinite(values))[0]
         found = f"{place.format(point)}.{field}[{joint}] is {values[point, joint]}"
@@ -66,16 +68,22 @@ def _field(points, field, order, place="points[{}]"):
     return everyone
 
 
+def _without_motor(order):
+    """For each joint that is asked about, whether no motor drives it, nor the one that it depends on."""
+    robot = order.dynamics.robot
+    return np.array([not robot.joints[robot.leaders[number][0]].actuated for number in order.numbers], dtype=bool)
+
+
 def require_empty(message, field, place, why):
     """Refuse a message in which a field has values that have no part in the question."""
     if len(getattr(message, field)):
         raise QuestionError(f"{place}.{field} has values: {why}, leave it empty")
 
 
-def read_base(base, times, robot, namespace):
+def read_base(base, times, robot, namespace, at_rest=False):
     """The Base of a MultiDOFJointTrajectory, or None where the base of the robot is fixed.
 
-    times: time_from_start of each point of the joint trajectory [ns].
+    times: time_from_start of each point of the joint trajectory [ns]. at_rest: velocities may be left out.
     """
     if not robot.moving_base:
         return _no_base(robot, base.points or base.joint_names)
@@ -93,7 +101,7 @@ def read_base(base, times, robot, namespace):
     for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
         if nanoseconds(point.time_from_start) not in (0, time):
             raise QuestionError(f"base.points[{number}].time_from_start differs from that of the trajectory's point")
-    return _base(base.points, "base.points[{}]")
+    return _base(base.points, "base.points[{}]", at_rest)
 
 
 def read_base_point(point, robot):
@@ -110,17 +118,18 @@ def _no_base(robot, given):
         raise QuestionError(f"the base of {robot.name!r} is fixed: leave the field base empty")
 
 
-def _base(points, place):
+def _base(points, place, at_rest=False):
     """The Base of MultiDOFJointTrajectoryPoints, each with one pose, one twist and one acceleration or none."""
     accelerated = any(len(point.accelerations) for point in points)
-    for field in ("transforms", "velocities", *(["accelerations"] if accelerated else [])):
+    moves = not at_rest or any(len(point.velocities) for point in points)
+    for field in ("transforms", *(["velocities"] if moves else []), *(["accelerations"] if accelerated else [])):
         for number, point in enumerate(points):
             if len(getattr(point, field)) != 1:
                 found = f"{place.format(number)}.{field} has {len(getattr(point, field))} entries"
                 raise QuestionError(f"{found}: one is needed, of the base link")
     return Base(
         pose=_poses([point.transforms[0] for point in points], place),
-        twist=_twists([point.velocities[0] for point in points], f"{place}.velocities[0]"),
+        twist=_twists([point.velocities[0] for point in points], f"{place}.velocities[0]") if moves else np.zeros(6),
         acceleration=_twists([point.accelerations[0] for point in points], f"{place}.accelerations[0]")
         if accelerated
         else None,

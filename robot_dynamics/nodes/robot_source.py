@@ -10,23 +10,21 @@ from std_msgs.msg import String
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.library import read_file
-from robot_dynamics.model.robot import EARTH
-from robot_dynamics.model.urdf import read_urdf
+from robot_dynamics.model.library import read_file, read_robot
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BASES = {"": None, "fixed": False, "moving": True}
 
 # name: (default, what it is)
 PARAMETERS = {
-    "robot_description": ("", "text of a URDF; comes before robot_file"),
+    "robot_description": ("", "text of a URDF, an MDH table or a .par; comes before robot_file"),
     "robot_file": (
         "",
-        "path of a URDF, or the name of a robot that ships. "
+        "path of a URDF, an MDH table or a .par, or the name of a robot that ships. "
         "Where this and robot_description are empty, the topic robot_description is listened to",
     ),
     "base": ("", "fixed or moving; empty: as the description says"),
-    "gravity": (list(EARTH), "x, y, z in the world [m/s^2]"),
+    "gravity": ("", "x, y, z in the world [m/s^2]; empty: as the description says, else the Earth's"),
     "strict": (False, "refuse inertias that no real body has, instead of warning"),
     "payload.link": ("", "link that carries the payload, in whose frame it is given; empty: there is none"),
     "payload.mass": (0.0, "[kg]"),
@@ -99,7 +97,9 @@ class RobotSource:
     def _read(self, text, source, settings):
         if settings["base"] not in BASES:
             raise DescriptionError(f"parameter base is {settings['base']!r}: fixed, moving or nothing is right")
-        robot = read_urdf(text, source=source, moving_base=BASES[settings["base"]], gravity=settings["gravity"])
+        robot = read_robot(
+            text, source=source, moving_base=BASES[settings["base"]], gravity=settings["gravity"] or None
+        )
         robot = with_payload(robot, settings)
         if settings["strict"]:
             robot.refuse_doubtful()
@@ -161,7 +161,7 @@ class RobotSource:
 
 def typed(name, value):
     """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
-    default = PARAMETERS[name][0]
+    default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
     if isinstance(default, str | bool):
         if isinstance(value, type(default)):
             return value

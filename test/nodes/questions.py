@@ -5,7 +5,7 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Transform, Twist, WrenchStamped
 from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics, StaticEquilibrium
 
 STEP = 2_000_000  # ns between points
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
@@ -13,6 +13,7 @@ SERVICES = {
     InverseDynamics.Request: (InverseDynamics, "inverse_dynamics"),
     DirectDynamics.Request: (DirectDynamics, "direct_dynamics"),
     DynamicsTerms.Request: (DynamicsTerms, "dynamics_terms"),
+    StaticEquilibrium.Request: (StaticEquilibrium, "static_equilibrium"),
 }
 
 
@@ -63,6 +64,13 @@ def terms_request(joints, q, qd, base=None):
     request = DynamicsTerms.Request(joint_names=list(joints), state=point(0, positions=q, velocities=qd))
     if base is not None:
         request.base = base
+    return request
+
+
+def equilibrium_request(joints, q, **others):
+    request = StaticEquilibrium.Request(**others)
+    request.trajectory.joint_names = list(joints)
+    request.trajectory.points = [point(k, positions=q[k]) for k in range(len(q))]
     return request
 
 

@@ -13,6 +13,7 @@ import pytest
 import yaml
 from rosidl_parser.definition import AbstractSequence, NamespacedType
 
+from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.nodes.robot_source import PARAMETERS
 from robot_dynamics.nodes.running import Caller, running_node
 
@@ -72,7 +73,7 @@ def test_both_ways_to_start_a_server_are_the_same():
 def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(caller):
     servers = [started_as(command) for command in words("ros2 run")]
     asked = words("ros2 service call")
-    assert len(servers) == 2 and len(asked) == 4
+    assert len(servers) == 3 and len(asked) == 6
     for parameters, namespace in servers:
         with running_node("dynamics_server", parameters, namespace):
             name = f"{namespace.rstrip('/')}/dynamics_server"
@@ -82,8 +83,9 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                 response = caller.call(service_type, service, fill(service_type.Request(), yaml.safe_load(question)))
                 assert response.success, response.message
                 if kind == "InverseDynamics":
-                    assert np.isfinite(response.trajectory.points[0].effort).all() and response.reactions
-                if namespace != "/":
+                    assert np.isfinite(response.trajectory.points[0].effort).all()
+                    assert bool(response.reactions) == ("reaction_wrenches: true" in question)
+                if namespace == "/space":
                     assert response.base.points[0].accelerations[0].linear.z < 0
             if namespace == "/":
                 command = [sys.executable, "-c", python_of("rclpy")]
@@ -95,10 +97,30 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                 assert result.successful, result.reason
 
 
-@pytest.mark.parametrize(("imported", "printed"), [("Dynamics", "panda_joint7"), ("Base", "(7, 6)")])
+@pytest.mark.parametrize(
+    ("imported", "printed"),
+    [("Dynamics, Inertia", "panda_joint7"), ("Base", "(7, 6)"), ("Dynamics, load_robot\n", "'spring_3'")],
+)
 def test_python_of_the_readme_runs(imported, printed, capsys):
     exec(compile(python_of(f"numpy as np\nfrom robot_dynamics import {imported}"), "README.md", "exec"), {})
     assert printed in capsys.readouterr().out
+
+
+def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
+    (table,) = re.findall(r"```yaml\n(# arm.yaml\n.*?)```", README, re.DOTALL)
+    (tmp_path / "arm.yaml").write_text(table)
+    commands = [command for command in COMMANDS if command.startswith(".venv/bin/robot-dynamics")]
+    for command in commands:
+        program = Path(sys.executable).with_name("robot-dynamics")
+        told = command.strip().replace(".venv/bin/robot-dynamics", str(program))
+        done = subprocess.run(told, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        assert done.returncode == 0 and not done.stderr, done
+    arm, longer, panda = (load_robot(tmp_path / name) for name in ("arm.yaml", "longer.yaml", "panda.urdf"))
+    assert (arm.joints[1].placement[0, 3], longer.joints[1].placement[0, 3]) == (0.4, 0.5)
+    assert [joint.role for joint in arm.joints] == ["actuated", "elastic"] and not arm.warnings
+    assert Dynamics(panda).joint_names == Dynamics(load_robot("panda")).joint_names
+    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 6
+    assert "longer.yaml" in README and (tmp_path / "mdh.schema.json").read_text().startswith("{")
 
 
 def python_of(beginning):

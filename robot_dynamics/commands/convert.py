@@ -1,0 +1,50 @@
+"""Turn a description into another: URDF, MDH table in YAML, SYMORO+ .par.
+
+The robot stays the same, exactly; what the other format cannot say is refused, or left out and listed with --lossy.
+"""
+
+import sys
+from pathlib import Path
+
+from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.formats.par_writer import write_par
+from robot_dynamics.model.formats.urdf_writer import write_urdf
+from robot_dynamics.model.mdh_table import table
+
+NAME = "convert"
+WRITERS = {
+    ".yaml": lambda robot, lossy: write_mdh_yaml(robot),
+    ".yml": lambda robot, lossy: write_mdh_yaml(robot),
+    ".urdf": lambda robot, lossy: write_urdf(robot, lossy=lossy),
+    ".par": lambda robot, lossy: write_par(robot, lossy=lossy),
+}
+
+
+def add_arguments(parser):
+    add_robot_arguments(parser)
+    parser.add_argument("target", help=f"path to write; its ending says the format: {', '.join(WRITERS)}")
+    parser.add_argument("--lossy", action="store_true", help="leave out what the format cannot say, and list it")
+
+
+def run(told):
+    target = Path(told.target)
+    if target.suffix not in WRITERS:
+        raise DescriptionError(f"{target}: the ending says the format, {', '.join(WRITERS)} are known")
+    if target.exists() and Path(told.robot).exists() and target.samefile(told.robot):
+        raise DescriptionError(f"{target} is the description itself: write to another file")
+    robot = robot_of(told)
+    text = WRITERS[target.suffix](robot, told.lossy)
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise DescriptionError(f"{target} cannot be written: {error.strerror}") from None
+    print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
+    nearly = sum(row.joint is None for row in table(robot))
+    if nearly and told.snap is None:
+        print(
+            f"note: {nearly} axes are nearly parallel to those before, and have two rows each in the table: "
+            "--snap makes them parallel",
+            file=sys.stderr,
+        )

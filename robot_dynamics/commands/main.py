@@ -1,0 +1,40 @@
+"""robot-dynamics VERB ...: reads the command line and hands it to a verb."""
+
+import argparse
+import logging
+import os
+import sys
+
+from robot_dynamics.commands import convert, schema, shipped, show
+from robot_dynamics.errors import RobotDynamicsError
+
+VERBS = (convert, show, shipped, schema)
+
+
+def main(arguments=None):
+    """Run the command; returns its exit status: 0, or 1 where it was refused, with the reason on stderr."""
+    parser = argparse.ArgumentParser(
+        prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
+    )
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    for verb in VERBS:
+        summary = verb.__doc__.splitlines()[0]
+        verb_parser = verbs.add_parser(verb.NAME, help=summary, description=verb.__doc__,
+                                       formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+        verb.add_arguments(verb_parser)
+        verb_parser.set_defaults(run=verb.run)
+    told = parser.parse_args(arguments)
+    logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
+    try:
+        told.run(told)
+    except RobotDynamicsError as error:
+        print(f"robot-dynamics {told.verb}: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # the reader of our output, a pager or head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,189 @@
+"""Elastic joints and robots from MDH tables over ROS 2: a real server answers what the library says."""
+
+import numpy as np
+import pytest
+from nodes.questions import (
+    ask,
+    base_accelerations,
+    base_points,
+    call,
+    direct_request,
+    equilibrium_request,
+    field,
+    inverse_request,
+    terms_request,
+    twist,
+    wrench,
+    wrench_values,
+)
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics import Base, Dynamics, Inertia, load_robot
+from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+
+FIXED = Dynamics(load_robot("manutec_r3"))
+# what stands on the ground has no mass in the table; free to move it must have some
+PEDESTAL = {"payload.link": "base", "payload.mass": 200.0, "payload.inertia": [20.0, 0.0, 0.0, 20.0, 0.0, 20.0]}
+MOVING = Dynamics(
+    load_robot("manutec_r3", moving_base=True).with_payload("base", Inertia(200.0, np.zeros(3), 20 * np.eye(3)))
+)
+ORDER = np.random.default_rng(5).permutation(9)
+JOINTS = [FIXED.joint_names[k] for k in ORDER]
+SPRINGS = [JOINTS.index(name) for name in FIXED.undriven_joint_names]
+BACK = np.argsort(ORDER)  # from the asker's order to the robot's
+Q, QD, QDD = np.random.default_rng(6).uniform(-1, 1, (3, 4, 9)) * np.array([1, 1, 3])[:, None, None]
+Q[:, SPRINGS] *= 1e-3
+QDD[:, SPRINGS] = np.nan
+
+
+@pytest.fixture(scope="module")
+def manutec(start_module_server):
+    return start_module_server({"robot_file": "manutec_r3"})
+
+
+@pytest.fixture(scope="module")
+def flying(start_module_server):
+    return start_module_server({"robot_file": "manutec_r3", "base": "moving", **PEDESTAL})
+
+
+def in_library(dynamics, base=None, wrenches=None):
+    return dynamics.solve(Q[:, BACK], QD[:, BACK], qdd=QDD[:, BACK], base=base, external_wrenches=wrenches)
+
+
+@pytest.mark.parametrize("left_open", [np.nan, 0.0])
+def test_inverse_answers_the_accelerations_of_the_springs_and_the_efforts_of_the_motors(manutec, caller, left_open):
+    asked = np.nan_to_num(QDD, nan=left_open)
+    load = wrench("load", [3, -5, -150, 1, 0, 2])
+    answer = ask(caller, manutec, inverse_request(JOINTS, Q, QD, asked, external_wrenches=[load]))
+    expected = in_library(FIXED, wrenches={"load": [3, -5, -150, 1, 0, 2]})
+    assert list(answer.trajectory.joint_names) == JOINTS
+    np.testing.assert_array_equal(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER])
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
+    assert not field(answer.trajectory, "effort")[:, SPRINGS].any()
+    assert np.abs(field(answer.trajectory, "accelerations")[:, SPRINGS]).min() > 0
+
+
+def test_direct_gives_the_accelerations_back_that_the_efforts_came_from(manutec, caller):
+    expected = in_library(FIXED)
+    efforts = expected.efforts[:, ORDER].copy()
+    efforts[:, SPRINGS] = np.nan
+    answer = ask(caller, manutec, direct_request(JOINTS, Q, QD, efforts))
+    np.testing.assert_allclose(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER], rtol=1e-8)
+
+
+def base_of(rng, count=4):
+    quaternions = Rotation.random(count, random_state=3).as_quat()
+    positions, twists = rng.uniform(-1, 1, (count, 3)), rng.uniform(-1, 1, (count, 6))
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, :3], poses[:, :3, 3] = Rotation.from_quat(quaternions).as_matrix(), positions
+    return quaternions, positions, twists, poses
+
+
+def test_elastic_joints_on_a_moving_base(flying, caller):
+    quaternions, positions, twists, poses = base_of(np.random.default_rng(7))
+    base = base_points(quaternions, positions, twists)
+    answer = ask(caller, flying, inverse_request(JOINTS, Q, QD, QDD, base=base))
+    expected = in_library(MOVING, Base(poses, twists))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
+    np.testing.assert_array_equal(base_accelerations(answer.base), expected.base_acceleration)
+
+
+def test_equilibrium_under_gravity_and_a_wrench(manutec, caller):
+    asked = equilibrium_request(JOINTS, Q, external_wrenches=[wrench("load", [0, 0, -150, 0, 0, 0], stamp=2)])
+    asked.reaction_wrenches = True
+    answer = ask(caller, manutec, asked)
+    wrenches = np.zeros((4, 6))
+    wrenches[2, 2] = -150
+    expected = FIXED.equilibrium(Q[:, BACK], external_wrenches={"load": wrenches})
+    np.testing.assert_array_equal(field(answer.trajectory, "positions"), expected.positions[:, ORDER])
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
+    assert not field(answer.trajectory, "velocities").any() and not field(answer.trajectory, "accelerations").any()
+    assert list(answer.stable) == [True] * 4
+    ground = wrench_values(answer.reactions[0])
+    np.testing.assert_array_equal(ground, expected.reactions[0, 0])
+    np.testing.assert_allclose(np.linalg.norm(ground[:3]), 9.81 * 116.8)
+
+
+def test_equilibrium_on_a_base_that_is_held_or_moved_on(flying, caller):
+    quaternions, positions, twists, poses = base_of(np.random.default_rng(8))
+    held = base_points(quaternions, positions, np.zeros((4, 6)))
+    expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses))
+    for velocities in ([twist(np.zeros(6))], []):
+        for base_point in held.points:
+            base_point.velocities = velocities
+        answer = ask(caller, flying, equilibrium_request(JOINTS, Q, base=held))
+        np.testing.assert_array_equal(field(answer.trajectory, "positions"), expected.positions[:, ORDER])
+    told = np.random.default_rng(9).uniform(-3, 3, (4, 6))
+    moved = base_points(quaternions, positions, np.zeros((4, 6)), told)
+    answer = ask(caller, flying, equilibrium_request(JOINTS, Q, base=moved))
+    expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses, acceleration=told))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
+    turning = equilibrium_request(JOINTS, Q, base=base_points(quaternions, positions, twists))
+    assert "an equilibrium is at rest" in call(caller, flying, turning).message
+
+
+def test_terms_tell_the_springs_alone(manutec, caller):
+    answer = ask(caller, manutec, terms_request(JOINTS, Q[0], QD[0]))
+    expected = FIXED.elasticity(Q[0, BACK], QD[0, BACK])[ORDER]
+    np.testing.assert_array_equal(answer.elasticity, expected)
+    assert np.flatnonzero(answer.elasticity).tolist() == sorted(SPRINGS)
+
+
+def given(field_name, value):
+    """A question that gives something of a joint without motor."""
+    asked = QDD.copy() if field_name == "accelerations" else np.zeros((4, 9))
+    asked[1, SPRINGS[0]] = value
+    make = inverse_request if field_name == "accelerations" else direct_request
+    return make(JOINTS, Q, QD, asked)
+
+
+def with_velocities():
+    request = equilibrium_request(JOINTS, Q)
+    request.trajectory.points[1].velocities = [0.0] * 9
+    return request
+
+
+BAD = {
+    "acceleration of a spring": (given("accelerations", 0.5), r"joint 'spring_1': no motor drives it"),
+    "effort of a spring": (given("effort", 0.5), r"joint 'spring_1': no motor drives it"),
+    "nan of a motor": (inverse_request(JOINTS, Q, QD, QDD * np.nan), "a finite number is needed"),
+    "nan of a position": (inverse_request(JOINTS, Q + QDD, QD, QDD), "a finite number is needed"),
+    "velocities at rest": (with_velocities(), "points[1].velocities has values: it is part of the answer"),
+    "a spring left out": (inverse_request(JOINTS[:8], Q[:, :8], QD[:, :8], QDD[:, :8]), "joints missing"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_question_that_gives_what_no_motor_can_do_is_refused(case, manutec, caller):
+    request, reason = BAD[case]
+    response = call(caller, manutec, request)
+    assert not response.success and reason in response.message, response.message
+
+
+@pytest.mark.parametrize("form", ["yaml", "par"])
+def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, start_server, tmp_path):
+    if form == "yaml":
+        text = write_mdh_yaml(load_robot("rx90"))
+        names = [f"joint_{k}" for k in range(1, 7)]
+    else:
+        rows = {"ant": "0,1", "sigma": "0,1", "b": "0,0", "d": "0,0.5", "r": "0,r2", "gamma": "0,0", "alpha": "0,pi/2",
+                "theta": "th1,0", "M": "1,2", "ZZ": "0.1,0.2", "MX": "0.3,0"}  # fmt: skip
+        text = "NL = 2\nNJ = 2\n" + "\n".join(f"{key} = {{{row}}}" for key, row in rows.items())
+        names = ["joint_1", "joint_2"]
+    path = tmp_path / f"robot.{form}"
+    path.write_text(text)
+    dynamics = Dynamics(load_robot(text))
+    q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 2, len(names)))
+    server = start_server({"robot_description": text})
+    for _ in range(2):
+        answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+        np.testing.assert_array_equal(field(answer.trajectory, "effort"), dynamics.inverse(q, qd, qdd))
+        changed = caller.set_parameters(server, {"robot_description": "", "robot_file": str(path)})
+        assert changed.successful, changed.reason
+    changed = caller.set_parameters(server, {"gravity": [0.0, 0.0, -1.62]})
+    assert changed.successful, changed.reason
+    answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+    moon = Dynamics(load_robot(text, gravity=(0, 0, -1.62)))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), moon.inverse(q, qd, qdd))
+    changed = caller.set_parameters(server, {"gravity": ""})
+    assert changed.successful, changed.reason
