@@ -137,7 +137,7 @@ class Dynamics:
     def equilibrium(self, q, *, base=None, external_wrenches=None):
         """The Equilibrium in which the joints without motor come to rest, the others held where q (..., n) has them.
 
-        For the joints without motor q says where the search begins: of several equilibria a near one is found. A moving
+        For the joints without motor q says where they are let go: they move downhill, as if through thick oil. A moving
         base is held at its pose at rest, or moved on with the acceleration that Base gives.
 
         Raises SingularModelError where none is found. Source: Khalil, section 6, at rest.
@@ -241,11 +241,11 @@ class Dynamics:
         H = bias(self.robot, state.q, state.qd, base.twist, known, state.wrenches)
         if base.acceleration is not None:
             H = H[..., -len(self.robot.joints) :]
-        qdd, pivots, diagonal = coupled_accelerations(self.robot, self._S, state.q, unknown, accelerations, forces, H)
-        names = BASE_ROWS + tuple(self.joint_names[number] for number in unknown)
-        for k, name in enumerate(names[-len(pivots) :]):
-            refuse_singular(pivots[k], diagonal[..., k], name)
-        return qdd
+        found, pivots, diagonal = coupled_accelerations(self.robot, self._S, state.q, unknown, accelerations, forces, H)
+        names = tuple(self.joint_names[number] for number in reversed(unknown)) + BASE_ROWS
+        for pivot, k, name in zip(pivots, range(len(pivots)), names, strict=False):
+            refuse_singular(pivot, diagonal[..., k], name)
+        return found[..., -len(self.joint_names) :]
 
     def _refuse_singular(self, found):
         """Raise SingularModelError where an acceleration of a recursion.Solution owes its value to rounding.

@@ -242,9 +242,29 @@ def test_equilibrium_with_a_wrench_leaves_no_acceleration():
 
 def test_pendulum_hangs_stable_and_stands_unstable():
     dynamics = Dynamics(planar_arm((0, -9.81, 0), springs=(None, None)))
-    found = dynamics.equilibrium([[-1.5, 0.1], [1.5, 0.05]])
-    np.testing.assert_allclose(found.positions, [[-np.pi / 2, 0], [np.pi / 2, 0]], atol=1e-9)
-    assert found.stable.tolist() == [True, False]
+    standing = [np.pi / 2, 0]
+    found = dynamics.equilibrium([[-1.5, 0.1], [1.5, 0.05], [0.0, 0.0], standing])
+    hanging = [-np.pi / 2, 0]
+    # pushed off to the left it goes down there, and comes to rest where a pendulum hangs
+    np.testing.assert_allclose(found.positions, [hanging, hanging, hanging, standing], atol=1e-9)
+    assert found.stable.tolist() == [True, True, True, False]
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 0.01, 1.0, 2.0, 3.0, 9.0, 100.0])
+@pytest.mark.parametrize("start", [0.01, 0.0, 0.5, -1.2, 2.0])
+def test_elastic_pendulum_comes_to_rest_below_where_it_is_let_go(stiffness, start):
+    """The elbow held straight: from where it is let go the energy only falls, to a minimum on the same side."""
+    robot = planar_arm((0, -9.81, 0), actuated=(False, True), springs=(Spring(stiffness), None))
+    dynamics, weight = Dynamics(robot), 9.81 * (M1 * C1 + M2 * (L1 + C2))
+
+    def energy(q):
+        return 0.5 * stiffness * q**2 + weight * np.sin(q)
+
+    found = dynamics.equilibrium([start, 0.0])
+    q = found.positions[0]
+    assert found.stable and abs(stiffness * q + weight * np.cos(q)) < 1e-6 * weight
+    path = energy(np.linspace(start, q, 1000))
+    assert np.diff(path).max() < 1e-9 * weight
 
 
 def test_base_that_moves_is_held_at_its_pose_in_equilibrium_or_moved_on_as_told():

@@ -1,6 +1,7 @@
 """Turn a description into another: URDF, MDH table in YAML, SYMORO+ .par.
 
-The robot stays the same, exactly; what the other format cannot say is refused, or left out and listed with --lossy.
+The robot stays the same; what the other format cannot say is refused, or left out and listed with --lossy. Of a table
+the robot is kept, not the text: parameters and expressions become numbers, fixed rows are lumped, comments go.
 """
 
 import sys
@@ -8,18 +9,18 @@ from pathlib import Path
 
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats import par_writer, urdf_writer
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.par_writer import write_par
-from robot_dynamics.model.formats.urdf_writer import write_urdf
 from robot_dynamics.model.mdh_table import table
 
 NAME = "convert"
 WRITERS = {
     ".yaml": lambda robot, lossy: write_mdh_yaml(robot),
     ".yml": lambda robot, lossy: write_mdh_yaml(robot),
-    ".urdf": lambda robot, lossy: write_urdf(robot, lossy=lossy),
-    ".par": lambda robot, lossy: write_par(robot, lossy=lossy),
+    ".urdf": lambda robot, lossy: urdf_writer.write_urdf(robot, lossy=lossy),
+    ".par": lambda robot, lossy: par_writer.write_par(robot, lossy=lossy),
 }
+LOSSES = {".urdf": urdf_writer.losses, ".par": par_writer.losses}
 
 
 def add_arguments(parser):
@@ -41,6 +42,8 @@ def run(told):
     except OSError as error:
         raise DescriptionError(f"{target} cannot be written: {error.strerror}") from None
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
+    for sentence in LOSSES.get(target.suffix, lambda robot: [])(robot):
+        print(f"left out: {sentence}", file=sys.stderr)
     nearly = sum(row.joint is None for row in table(robot))
     if nearly and told.snap is None:
         print(

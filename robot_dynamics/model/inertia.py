@@ -76,7 +76,12 @@ class Inertia:
 
     @cached_property
     def is_finite(self):
-        return bool(np.isfinite(self.spatial).all())
+        return self.has_symbols or bool(np.isfinite(self.spatial).all())
+
+    @cached_property
+    def has_symbols(self):
+        """Whether some of the numbers have no value yet."""
+        return self.spatial.dtype == object
 
     @property
     def is_moment_about_z(self):

@@ -90,7 +90,7 @@ def _snapped(matrix, tolerance):
     row = rows_of(placement(matrix[:3, :3]))[0]
     alpha = snap(row.alpha)
     if alpha == 0 or abs(alpha) == math.pi:  # γ and θ turn about the same line: only what they come to has a meaning
-        turn = Row(alpha=alpha, theta=snap(row.theta + math.copysign(row.gamma, math.cos(alpha))))
+        turn = Row(alpha=alpha, theta=snap(row.theta + (row.gamma if alpha == 0 else -row.gamma)))
     else:
         turn = Row(gamma=snap(row.gamma), alpha=alpha, theta=snap(row.theta))
     return placement(placement_of(turn)[:3, :3], matrix[:3, 3])

@@ -14,6 +14,8 @@ from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.inertia import Inertia
 
 EARTH = (0.0, 0.0, -9.81)
+UNLIMITED = 1e9  # a limit from here on is none [rad, m, rad/s, m/s, N m or N]
+MANY_TURNS = 50.0  # [rad] between limits that look like degrees
 MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
 
 
@@ -125,11 +127,11 @@ class Robot:
             if times > 1:
                 raise DescriptionError(f"{kind} {repeated!r} is there more than once: names must differ")
         for number, joint in enumerate(self.joints, start=1):
-            _check_joint(number, joint)
+            check_joint(number, joint)
         for link in self.links:
             if not link.inertia.is_finite:
                 raise DescriptionError(f"link {link.name!r}: its inertia has an entry that is not a finite number")
-            if link.inertia.mass < 0:
+            if not link.inertia.has_symbols and link.inertia.mass < 0:
                 raise DescriptionError(f"link {link.name!r}: mass {link.inertia.mass:g} kg is negative")
             if link.name not in self.frames_by_name:
                 raise DescriptionError(f"link {link.name!r} is no frame: every link is known as one")
@@ -175,7 +177,10 @@ class Robot:
         try:
             return self.frames_by_name[name]
         except (KeyError, TypeError):
-            raise QuestionError(unknown_name("link", name, self.frames_by_name)) from None
+            told = unknown_name("link", name, self.frames_by_name)
+            if isinstance(name, str) and name in self.joint_numbers:
+                told = f"{name!r} is a joint: it moves link {self.links[self.joint_numbers[name] + 1].name!r}"
+            raise QuestionError(told) from None
 
     @cached_property
     def leaders(self):
@@ -200,7 +205,7 @@ class Robot:
 
     @cached_property
     def warnings(self):
-        """What is doubtful about the inertias, judged on whole links with all that is fixed to them: sentences.
+        """What is doubtful: inertias, judged on whole links with all that is fixed to them, and limits. Sentences.
 
         The inertia of a base that does not move counts nowhere and is not judged; of a link that turns about an axis
         of such a base tables give what counts, the moment about this axis alone.
@@ -210,6 +215,8 @@ class Robot:
         found = [f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.objections()]
         if self.moving_base and not any(link.inertia.mass for link in self.links):
             found.append("the moving base and all that it carries have no mass, so no model has an answer")
+        for joint in self.joints:
+            found += _doubtful_limits(joint)
         resisted = self._resisted
         for number, (leader, _, _) in enumerate(self.leaders):
             if leader == number and not resisted[number]:
@@ -275,7 +282,16 @@ class Robot:
         return replace(self, links=tuple(links))
 
 
-def _check_joint(number, joint):
+def _doubtful_limits(joint):
+    lower, upper = joint.limits.lower, joint.limits.upper
+    if lower > upper:
+        return [f"joint {joint.name!r}: its lower limit {lower:g} is above the upper one, {upper:g}"]
+    if not joint.prismatic and MANY_TURNS < upper - lower < 1000:
+        return [f"joint {joint.name!r}: limits {lower:g} to {upper:g} are many turns. They are in radians, not degrees"]
+    return []
+
+
+def check_joint(number, joint):
     """Refuse a joint that moves link `number` but could not."""
     if not 0 <= joint.antecedent < number:
         raise DescriptionError(

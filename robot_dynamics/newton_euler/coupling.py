@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_dynamics.newton_euler import linear
-from robot_dynamics.newton_euler.walker_orin import inertia_matrix
+from robot_dynamics.newton_euler.composite import inertia_matrix
 
 
 def coupling(robot):
@@ -26,8 +26,9 @@ def projection(S, base_rows):
 
 
 def coupled_accelerations(robot, S, q, unknown, accelerations, forces, bias):
-    """(q̈ (..., m), pivots, diagonal): the accelerations of the independent joints, and what tells whether the matrix
-    that gave them was positive definite: its pivots, a list, beside its diagonal (..., k).
+    """(accelerations, pivots, diagonal): [V̇0; q̈] (..., 6 + m) of a moving base and the independent joints, or q̈
+    (..., m) alone; and what tells whether the matrix that gave them was positive definite: its pivots, a list, beside
+    its diagonal (..., k).
 
     q: (..., joints) of all joints; unknown: numbers of the independent joints whose acceleration is unknown;
     accelerations: (..., m), those that are known; forces: (..., m) on the independent ones, Sᵀ Γ, those that count
@@ -41,13 +42,16 @@ def coupled_accelerations(robot, S, q, unknown, accelerations, forces, bias):
     base = rows - S.shape[0]
     P = projection(S, base)
     A = P.T @ inertia_matrix(robot, q)[..., -rows:, -rows:] @ P
-    sought = np.array([*range(base), *(base + number for number in unknown)], dtype=int)
-    found = np.zeros((*np.broadcast_shapes(bias.shape[:-1], forces.shape[:-1], accelerations.shape[:-1]), P.shape[1]))
-    found[..., base:] = accelerations
-    found[..., sought] = 0
-    push = -bias @ P - (A @ found[..., None])[..., 0]
-    push[..., base:] += forces
+    # from the tips to the base: so the zeros between branches stay zero in the factors
+    sought = np.array([*(base + number for number in reversed(unknown)), *range(base)], dtype=int)
+    known = np.ones(P.shape[1], dtype=int)
+    known[sought] = 0
+    given = known * np.concatenate([np.zeros((*accelerations.shape[:-1], base), dtype=int), accelerations], axis=-1)
+    pushes = np.concatenate([np.zeros((*forces.shape[:-1], base), dtype=int), forces], axis=-1)
+    push = pushes - bias @ P - (A @ given[..., None])[..., 0]
     A = A[..., sought[:, None], sought]
     factors = linear.factor(A)
-    found[..., sought] = linear.solve(factors, push[..., sought])
-    return found[..., base:], factors[1], np.diagonal(A, axis1=-2, axis2=-1)
+    solved = linear.solve(factors, push[..., sought])
+    place = {row: number for number, row in enumerate(sought)}
+    found = [given[..., row] if row not in place else solved[..., place[row]] for row in range(P.shape[1])]
+    return np.stack(np.broadcast_arrays(*found), axis=-1), factors[1], np.diagonal(A, axis1=-2, axis2=-1)

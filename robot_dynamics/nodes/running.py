@@ -57,6 +57,8 @@ def run(make_node, arguments=None):
         while not stopped.is_set():
             executor.spin_once(timeout_sec=0.2)
     finally:
+        for number in (signal.SIGINT, signal.SIGTERM):  # asked once more while it ends, it still ends cleanly
+            signal.signal(number, signal.SIG_IGN)
         executor.shutdown()
         rclpy.shutdown()
 

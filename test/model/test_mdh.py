@@ -2,11 +2,13 @@
 against published tables; roll, pitch and yaw."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from peers.real_robots import REAL_ROBOTS, real_urdf
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Dynamics, load_robot
@@ -123,6 +125,28 @@ def test_nothing_is_snapped_unless_asked_for():
     assert len(table(minimal_frames(snapped(robot, 1e-5)))) == 4
     moved = np.abs(Dynamics(snapped(robot, 1e-4)).gravity([0.1, 0.2, 0.3]) - Dynamics(robot).gravity([0.1, 0.2, 0.3]))
     assert 1e-6 < moved.max() < 1e-2
+
+
+@pytest.mark.parametrize("name", REAL_ROBOTS)
+def test_snapping_a_real_robot_moves_its_frames_no_farther_than_asked(name):
+    """Each placement turns by the tolerance about each of three axes at most, and does not shift."""
+    robot, tolerance = read_urdf(real_urdf(name)), 1e-3
+    moved = snapped(robot, tolerance)
+    for before, after in zip((*robot.joints, *robot.frames), (*moved.joints, *moved.frames), strict=True):
+        turn = Rotation.from_matrix(before.placement[:3, :3].T @ after.placement[:3, :3])
+        assert turn.magnitude() <= 3 * tolerance
+        np.testing.assert_array_equal(before.placement[:3, 3], after.placement[:3, 3])
+
+
+@given(st.integers(-6, 6), st.integers(-6, 6), st.integers(-6, 6), st.floats(-9e-4, 9e-4), st.floats(-9e-4, 9e-4))
+def test_snapping_finds_the_multiples_of_15_degrees_again(first, second, third, off, more):
+    meant = Rotation.from_euler("zxz", np.array([first, second, third]) * np.pi / 12)
+    found = (meant * Rotation.from_rotvec([off, more, -off])).as_matrix()
+    robot = bent(0.0)
+    joint = replace(robot.joints[1], placement=placement(found, [0.1, 0.2, 0.3]))
+    robot = replace(robot, joints=(robot.joints[0], joint, robot.joints[2]))
+    turn = meant.inv() * Rotation.from_matrix(snapped(robot, 1e-2).joints[1].placement[:3, :3])
+    assert turn.magnitude() < 1e-2
 
 
 @given(angles, angles, angles)

@@ -61,7 +61,7 @@ class _Evaluator(Transformer):
 
     def call(self, token, values):
         if token not in FUNCTIONS:
-            raise _Refused(unknown_name("function", token, FUNCTIONS))
+            raise _Refused(unknown_name("function", token, FUNCTIONS) + _hint(token))
         function, count = FUNCTIONS[token]
         if len(values) != count:
             raise _Refused(f"{token} takes {count} argument{'s'[: count - 1]}, not {len(values)}")
@@ -95,11 +95,19 @@ def evaluate(value, names=None):
 
 
 def number_text(number):
-    """The shortest text that `evaluate` gives back exactly; whole numbers without a point. Raises DescriptionError."""
+    """The text of a number that `evaluate` gives back, whole numbers without a point. Raises DescriptionError.
+
+    Exactly, but where rounding alone made a long number of a short one: 0.10350000000000001 is written 0.1035.
+    """
     try:
         number = float(number)
     except TypeError:
         raise DescriptionError(f"{number!r:.60} has no value yet, and cannot be written as a number") from None
+    if not math.isfinite(number):
+        raise DescriptionError(f"{number} cannot be written: a finite number is needed")
+    short = float(f"{number:.15g}")
+    if abs(short - number) <= 2 * math.ulp(number) and len(repr(short)) < 12:
+        number = short
     return str(int(number)) if number == int(number) and abs(number) < 1e15 else repr(number)
 
 
@@ -133,13 +141,19 @@ def _parsed(text, lookup):
     except (_Refused, ArithmeticError, ValueError) as error:
         reason = error
     except UnexpectedCharacters as error:
-        reason = f"{text[error.pos_in_stream]!r} at character {error.pos_in_stream + 1} has no meaning there"
+        reason = (
+            f"{text[error.pos_in_stream]!r} at character {error.pos_in_stream + 1} has no meaning there{_hint(text)}"
+        )
     except UnexpectedToken as error:
         found = f"{str(error.token)!r}" if error.token.type != "$END" else "the end"
-        reason = f"{found} is not expected there"
+        reason = f"{found} is not expected there{_hint(text)}"
     except LarkError as error:
         reason = error
     raise DescriptionError(f"expression {text[:60]!r}: {reason}") from None
+
+
+def _hint(text):
+    return ". Angles are in radians: radians(90) or pi/2" if "deg" in text or "°" in text else ""
 
 
 def _finite(number, value):

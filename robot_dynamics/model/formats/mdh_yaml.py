@@ -1,19 +1,29 @@
 """Robot from a table of modified Denavit-Hartenberg parameters in YAML; the format is mdh.schema.json."""
 
 import json
+import math
+import re
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, unknown_name
-from robot_dynamics.model.formats.expression import evaluate
+from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot, Spring
+from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot, Spring, check_joint
 
+HINTS = {
+    "a": "in modified parameters the distance along x is d, that along z is r (Craig's a and d)",
+    "dh": "classical Denavit-Hartenberg parameters are others than these: mdh, with gamma, b, alpha, d, theta, r",
+    "name": "a robot is told as `robot: name`, a joint as `joint: name`, a link as `link: name`, a frame `frame: name`",
+    "parent": "the link that a row hangs on is its antecedent",
+    "com": "centre_of_mass, or first_moments (mass times centre)",
+    "center_of_mass": "centre_of_mass, or first_moments (mass times centre)",
+}
 SCHEMA = Path(__file__).with_name("mdh.schema.json")
 BODY = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia")
 MOVES = ("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits")
@@ -30,7 +40,7 @@ def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gr
     document = YamlDocument(text, source, "an MDH table in YAML")
     if not isinstance(document.data, dict):
         document.fail((), "a mapping with the keys robot and joints is needed")
-    document.validate(_validator())
+    document.validate(_validator(), HINTS)
     return _Builder(document, values or {}).build(moving_base, gravity)
 
 
@@ -81,10 +91,16 @@ class _Builder:
             if name not in told:
                 self.document.fail(("parameters",), f"value given for {unknown_name('parameter', name, told)}")
         for name, value in told.items():
+            if name in CONSTANTS:
+                self.document.fail(("parameters", name), f"{name} is known already: take another name")
             try:
                 names[name] = evaluate(values.get(name, value), names)
             except DescriptionError as error:
-                self.document.fail(("parameters", name), str(error))
+                later = ", ".join(
+                    other for other in told if other not in names and re.search(rf"\b{other}\b", str(value))
+                )
+                hint = f". A parameter may refer to those above it only, not to {later}" if later else ""
+                self.document.fail(("parameters", name), f"{error}{hint}")
         return names
 
     def _row(self, row, path):
@@ -112,11 +128,19 @@ class _Builder:
         """Link number and placement of the frame that a row is placed in; left out, that of the row before."""
         name = row.get("antecedent", next(reversed(self.placed)))
         if name not in self.placed:
-            hint = unknown_name("link", name, self.placed)
+            hint = self._unknown_link(name, self.placed)
             self.document.fail((*path, "antecedent"), f"{hint}. A row comes after the one it hangs on")
         return self.placed[name]
 
+    def _unknown_link(self, name, known):
+        moved = {joint.name: link for joint, link in zip(self.joints, self.links[1:], strict=True)}
+        return (
+            unknown_name("link", name, known) if name not in moved else f"{name!r} is a joint: it moves {moved[name]!r}"
+        )
+
     def _joint(self, row, antecedent, placed, path):
+        if row["joint"] in {joint.name for joint in self.joints}:
+            self.document.fail((*path, "joint"), f"joint {row['joint']!r} is there already: names must differ")
         role, spring = row.get("role"), self._spring(row, path)
         if spring is not None and role is None and "mimic" not in row:
             self.document.fail(
@@ -133,7 +157,7 @@ class _Builder:
         frictions = {
             key: self._number(row, key, path) for key in ("rotor_inertia", "viscous_friction", "coulomb_friction")
         }
-        return Joint(
+        joint = Joint(
             name=row["joint"],
             antecedent=antecedent,
             prismatic=row.get("type") == "prismatic",
@@ -144,6 +168,11 @@ class _Builder:
             spring=spring,
             **frictions,
         )
+        try:
+            check_joint(len(self.joints) + 1, joint)
+        except DescriptionError as error:
+            self.document.fail(path, str(error))
+        return joint
 
     def _spring(self, row, path):
         if "spring" not in row:
@@ -161,19 +190,29 @@ class _Builder:
         """A named frame on a link; one of the link's own name says where wrenches and payloads on it are meant."""
         name, link = frame["frame"], frame["link"]
         if link not in self.links:
-            self.document.fail((*path, "link"), unknown_name("link", link, self.links))
+            self.document.fail((*path, "link"), self._unknown_link(link, self.links))
         number = self.links.index(link)
         if name == self.links[0]:
             self.document.fail((*path, "frame"), f"{name!r} is the base, whose frame is frame 0: take another name")
         if name in self.placed and not (name == link and name not in self.told_frames):
             self.document.fail((*path, "frame"), f"link or frame {name!r} is there already: names must differ")
         self.told_frames.add(name)
-        rotation = rotation_from_roll_pitch_yaw(*self._vector(frame, "rpy", path))
+        angles = self._vector(frame, "rpy", path)
+        for k, angle in enumerate(angles):
+            self._check_angle(angle, (*path, "rpy", k))
+        rotation = rotation_from_roll_pitch_yaw(*angles)
         self.placed[name] = (number, placement(rotation, self._vector(frame, "xyz", path)))
 
     def _mdh(self, row, path):
         told, path = row.get("mdh", {}), (*path, "mdh")
-        return placement_of(Row(*(self._number(told, key, path) for key in Row._fields)))
+        numbers = Row(*(self._number(told, key, path) for key in Row._fields))
+        for key in ("gamma", "alpha", "theta"):
+            self._check_angle(getattr(numbers, key), (*path, key))
+        return placement_of(numbers)
+
+    def _check_angle(self, angle, path):
+        if abs(angle) > 2 * math.pi + 1e-9:
+            self.document.fail(path, f"{angle:g} rad is more than a turn. Angles are in radians: radians({angle:g})")
 
     def _inertia(self, body, path):
         """The Inertia about the frame's origin of a mapping that may have the keys of BODY."""
@@ -185,6 +224,8 @@ class _Builder:
                 f"{about_centre.pop()} and {about_origin.pop()} say the same twice: give first_moments and inertia "
                 "about the origin of the frame, or centre_of_mass and central_inertia",
             )
+        if about_centre and "mass" not in body:
+            self.document.fail(path, f"mass missing: {about_centre.pop()} has no meaning without")
         mass = self._number(body, "mass", path)
         if mass < 0:
             self.document.fail((*path, "mass"), f"mass {mass:g} kg is negative")

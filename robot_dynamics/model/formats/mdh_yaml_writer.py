@@ -18,6 +18,7 @@ HEADER = """\
 #   Rot(z, gamma) Trans(z, b) Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r);
 # the joint variable adds to theta (revolute) or to r (prismatic). first_moments = mass * centre of mass, and
 # inertia is the matrix about the origin of the frame, along its axes; both include all that is fixed to the link.
+# A frame below with the name of a link says where wrenches and payloads on that link are told.
 """
 PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/.-]*")
 INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}

@@ -151,9 +151,11 @@ class _Builder:
         if missing:
             names = sorted(missing, key=missing.get)
             first, line = names[0], missing[names[0]]
-            told = ", ".join(names[:40]) + (f" and {len(missing) - 40} more" if len(missing) > 40 else "")
+            told = ", ".join(names[:500]) + (f" and {len(missing) - 500} more" if len(missing) > 500 else "")
             self.document.fail(
-                line, f"no value for {told}: give each a number, or write it there, as values={{{first!r}: 0.5, ...}}"
+                line,
+                f"no value for {told}: write a number in its place, or give values (to the command robot-dynamics: "
+                f"--set {first}=0.5 or --values FILE, with one line {first}: 0.5 for each)",
             )
 
     def _tell_ignored(self):

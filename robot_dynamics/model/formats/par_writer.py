@@ -51,11 +51,11 @@ def write_par(robot, *, lossy=False):
     for joint in robot.joints:
         if np.asarray(joint.placement).dtype == object:
             raise DescriptionError(f"joint {joint.name!r}: its placement has symbols, and cannot be written as numbers")
-    lost = _lost(robot)
+    lost = losses(robot)
     if lost and not lossy:
         raise DescriptionError(
             f"robot {robot.name!r}: a SYMORO+ .par cannot say this: {'; '.join(lost)}. "
-            "Write it lossy to go without, or in another format"
+            "Keep another format, or write it lossy (--lossy)"
         )
     rows, frames = _rows(robot)
     if len(rows) > MOST_ROWS:
@@ -82,7 +82,7 @@ def write_par(robot, *, lossy=False):
     return text
 
 
-def _lost(robot):
+def losses(robot):
     """What the format has no place for: sentences."""
     lost = []
     for joint in robot.joints:
@@ -94,7 +94,8 @@ def _lost(robot):
         if spring is not None and joint.actuated:
             what.append("has a spring beside its motor")
         elif spring is not None:
-            what += [f"has a spring with {key}" for key in ("rest", "damping") if getattr(spring, key) != 0]
+            told = {"rest": "another rest position of its spring than zero", "damping": "damping of its spring"}
+            what += [f"has {what_is}" for key, what_is in told.items() if getattr(spring, key) != 0]
         lost += [f"joint {_quoted(joint.name)} {' and '.join(what)}"] if what else []
     roles = {joint.role for joint in robot.joints}
     if "passive" in roles and roles <= {"passive", "elastic"}:

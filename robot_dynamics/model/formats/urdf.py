@@ -10,7 +10,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.urdf_document import check_urdf, parse_urdf_text
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
-from robot_dynamics.model.robot import EARTH, MOST_JOINTS, Frame, Joint, Limits, Link, Mimic, Robot
+from robot_dynamics.model.robot import EARTH, MOST_JOINTS, UNLIMITED, Frame, Joint, Limits, Link, Mimic, Robot
 
 
 def read_urdf(text, *, source="URDF", moving_base=None, gravity=None):
@@ -148,6 +148,7 @@ class _Builder:
         if mimic and leaders.get(mimic.joint) in ("fixed", "floating"):
             self._fail(f"joint {joint.name!r} mimics joint {mimic.joint!r}, which is {leaders[mimic.joint]}")
         bounds = {} if limit is None else {key: getattr(limit, key) for key in ("lower", "upper", "velocity", "effort")}
+        bounds = {key: value for key, value in bounds.items() if value is not None and abs(value) < UNLIMITED}
         if joint.type == "continuous":
             bounds.pop("lower", None), bounds.pop("upper", None)
         return Joint(
@@ -157,6 +158,6 @@ class _Builder:
             placement=placed,
             viscous_friction=float(dynamics.damping or 0) if dynamics else 0.0,
             coulomb_friction=float(dynamics.friction or 0) if dynamics else 0.0,
-            limits=Limits(**{key: value for key, value in bounds.items() if value is not None}),
+            limits=Limits(**bounds),
             mimic=Mimic(mimic.joint, mimic.multiplier, mimic.offset) if mimic else None,
         )

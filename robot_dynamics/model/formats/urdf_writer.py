@@ -16,9 +16,8 @@ from robot_dynamics.model.inertia import skew
 from robot_dynamics.model.mdh import ROUNDING, clean_angle
 from robot_dynamics.model.mdh_table import free_name
 from robot_dynamics.model.placement import inverse, roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH, Mimic, Spring
+from robot_dynamics.model.robot import EARTH, UNLIMITED, Mimic, Spring
 
-UNLIMITED = 1e9  # for an infinite limit where URDF demands a number [rad, m, rad/s, m/s, N m or N]
 ON_AXIS = 1e-12  # an origin is on an axis that it misses by this part of the lengths around it
 FARTHEST_CENTRE = 1e3  # [m] of mass from its frame: farther, the inertia about it keeps too few digits
 MOST_LISTED = 20  # losses in an error
@@ -38,16 +37,16 @@ def write_urdf(robot, *, lossy=False):
     _check_names(robot)
     _check_numbers(robot)
     _check_base(robot)
-    losses = _losses(robot)
-    if losses and not lossy:
-        listed = "; ".join(losses[:MOST_LISTED])
-        more = f"; ... and {len(losses) - MOST_LISTED} more" if len(losses) > MOST_LISTED else ""
+    lost = losses(robot)
+    if lost and not lossy:
+        listed = "; ".join(lost[:MOST_LISTED])
+        more = f"; ... and {len(lost) - MOST_LISTED} more" if len(lost) > MOST_LISTED else ""
         raise DescriptionError(
-            f"robot {robot.name!r}: URDF cannot say {listed}{more}. Keep another format, or leave it out by lossy=True"
+            f"robot {robot.name!r}: URDF cannot say {listed}{more}. Keep another format, or write it lossy (--lossy)"
         )
     root = _Writer(robot).write()
-    if losses:
-        root.addprevious(_comment(["URDF cannot say, so it is left out:", *losses]))
+    if lost:
+        root.addprevious(_comment(["URDF cannot say, so it is left out:", *lost]))
     tree = etree.ElementTree(root)
     return etree.tostring(tree, pretty_print=True, xml_declaration=True, encoding="UTF-8").decode()
 
@@ -98,7 +97,7 @@ def _check_base(robot):
         )
 
 
-def _losses(robot):
+def losses(robot):
     """What URDF cannot say of the robot: phrases, joint by joint, then link by link."""
     found = []
     if not np.array_equal(robot.gravity, EARTH):

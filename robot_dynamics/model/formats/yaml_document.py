@@ -77,15 +77,24 @@ class YamlDocument:
             data[key.value] = self._plain(value)
         return data
 
-    def validate(self, validator):
-        """Raise DescriptionError for the first part that a jsonschema validator objects to."""
-        objections = sorted(validator.iter_errors(self.data), key=lambda error: list(map(str, error.absolute_path)))
+    def validate(self, validator, hints=()):
+        """Raise DescriptionError for the first part that a jsonschema validator objects to.
+
+        hints: {key: what to write instead} for keys that are unknown here and known elsewhere.
+        """
+
+        def order(error):  # a strange key first: it often is what is missing, under another name
+            return [*map(str, error.absolute_path)], error.validator != "additionalProperties"
+
+        objections = sorted(validator.iter_errors(self.data), key=order)
         if objections:
             error = _deepest(objections[0])
             path = list(error.absolute_path)
             mark = self._node(path).start_mark
             if error.validator == "additionalProperties":
                 mark = self._key(path, _strange_key(error)).start_mark
+                if _strange_key(error) in hints:
+                    self._fail_at(mark, f"{_place(path)}{_strange_key(error)!r}: {hints[_strange_key(error)]}")
             self._fail_at(mark, f"{_place(path)}{_objection(error)}")
 
 
@@ -115,7 +124,12 @@ def _sentence(error):
     """What PyYAML says, on one line, and what helps where it is known."""
     told = ", ".join(part for part in (error.context, error.problem) if part)
     if "'\\t'" in told:
-        told += ". Indent with spaces, YAML knows no tabs"
+        return f"{told}. Indent with spaces, YAML knows no tabs"
+    if "block" in told or "mapping values" in told or "simple key" in told:
+        told += (
+            ". The mistake is here or above: keys of one mapping, and the dashes of one list, stand in one column; "
+            "`key: value` has a colon and a space"
+        )
     return told
 
 

@@ -258,7 +258,10 @@ def test_a_bad_text_is_refused_with_the_line_and_what_would_be_right(name):
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({}, "arm.par, line 12: no value for b4, D2, gam4, m4, G3: give each a number, .* values={'b4': 0.5, ...}"),
+        (
+            {},
+            "arm.par, line 12: no value for b4, D2, gam4, m4, G3: write a number .*or give values .*--set b4=0.5",
+        ),
         ({**VALUES, "gam3": 1}, "arm.par: value given for unknown name 'gam3': did you mean 'gam4'"),
         ({**VALUES, "D2": "x"}, "arm.par: value given for 'D2': .*unknown name 'x'"),
         ({**VALUES, "D2": None}, "arm.par: value given for 'D2': None is no number"),

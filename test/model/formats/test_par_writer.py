@@ -110,7 +110,10 @@ LOST = {
     "has limits": {"limits": Limits(upper=1)},
     "follows joint 'j2'": {"mimic": Mimic("j2")},
     "has a spring beside its motor": {"spring": Spring(1)},
-    "has a spring with rest and has a spring with damping": {"spring": Spring(1, 2, 3), "actuated": False},
+    "has another rest position of its spring than zero and has damping of its spring": {
+        "spring": Spring(1, 2, 3),
+        "actuated": False,
+    },
 }
 
 
