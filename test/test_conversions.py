@@ -2,7 +2,6 @@
 trees, nearly parallel axes from 1e-12 to 1e-2 rad among them; names, frames and all else come along."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
