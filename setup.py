@@ -33,6 +33,7 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=["numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "jsonschema", "tabulate", "matplotlib"],
+    extras_require={"compiled": ["llvmlite>=0.46"]},  # without it models run as Python
     zip_safe=True,
     entry_points={
         "console_scripts": [

@@ -6,12 +6,14 @@ the link's own frame at its origin. Accelerations are true (gravity is not taken
 origin.
 """
 
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from robot_dynamics.answer import Answer, Equilibrium, filled, refuse_singular, refuse_unbalanced
-from robot_dynamics.errors import QuestionError
+from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import recursion
@@ -24,6 +26,8 @@ from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forwar
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
+from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels
+from robot_dynamics.symbolic.questions import checked_wrenches, of_base, program_key, run_program
 
 __all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
 
@@ -41,9 +45,13 @@ class Dynamics:
 
     Arguments are q, qd, qdd, efforts: (..., n); base: a Base, for a robot with a moving base and for no other;
     external_wrenches: {link name: (..., 6)}. Every method raises QuestionError for an argument that does not fit.
+
+    compiled: whether inverse, direct, inertia_matrix, gravity and coriolis go on as compiled programs when the
+    recursions have been asked for some time; nothing ever waits for a compiler but `compile`. Answers then differ in
+    the last digits.
     """
 
-    def __init__(self, robot):
+    def __init__(self, robot, *, compiled=True):
         if not isinstance(robot, Robot):
             raise QuestionError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
         self.robot = robot
@@ -56,6 +64,8 @@ class Dynamics:
         self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
         self._undriven = [place for place, number in enumerate(self._independent) if not robot.joints[number].actuated]
         self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
+        self._programs = CompiledModels(robot)
+        self._compiles = compiled
 
     def __repr__(self):
         return f"Dynamics({self.robot!r})"
@@ -66,14 +76,22 @@ class Dynamics:
 
         Source: Khalil, sections 3.2, 6 and 7.2.
         """
-        return self.solve(q, qd, qdd=qdd, base=base, external_wrenches=external_wrenches).efforts
+        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
+        given["qdd"] = self._driven("accelerations", qdd)
+        question = {"base": base, "external_wrenches": external_wrenches}
+        return self._computed("inverse", given, question, lambda: self.solve(q, qd, qdd=qdd, **question).efforts)
 
     def direct(self, q, qd, efforts, *, base=None, external_wrenches=None):
         """Accelerations (..., n) [rad/s² or m/s²] that efforts, springs and gravity cause.
 
         Raises SingularModelError where some motion moves nothing with inertia. Source: Khalil, sections 3.3.2, 6, 7.3.
         """
-        return self.solve(q, qd, efforts=efforts, base=base, external_wrenches=external_wrenches).accelerations
+        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
+        given["efforts"] = self._driven("efforts", efforts)
+        question = {"base": base, "external_wrenches": external_wrenches}
+        return self._computed(
+            "direct", given, question, lambda: self.solve(q, qd, efforts=efforts, **question).accelerations
+        )
 
     def solve(self, q, qd, *, qdd=None, efforts=None, base=None, external_wrenches=None):
         """The whole Answer for accelerations qdd or for efforts, whichever is given; see `inverse` and `direct`."""
@@ -101,11 +119,38 @@ class Dynamics:
             filled(reactions, state.batch, axes=2),
         )
 
+    def compile(self, model, *, wrenches=(), told=False):
+        """The compiled program of a model, made now if it is not there: the fastest that can be called from Python.
+
+        model: inverse, direct, inertia_matrix, gravity, coriolis, bias or regressor; what each takes and gives,
+        `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
+        whether the acceleration of a moving base is given, for inverse and direct.
+
+        The program has `evaluate(q, qd, qdd)` for one sample, which takes buffers of float64 and gives a new array, or
+        with one argument more writes into it, and `batch(q, qd, qdd, out=None, threads=1)` for arrays (N, n). It
+        refuses buffers that do not fit, but checks no values: nan in gives nan out.
+
+        Raises QuestionError for an unknown model or link and for a robot without joints, SingularModelError where the
+        model has no answer in any state.
+        """
+        if not self.joint_names:
+            raise QuestionError(f"{self.robot.name!r} has no joints: there is nothing to compile")
+        if model not in MODELS:
+            raise QuestionError(unknown_name("model", model, MODELS))
+        for name in wrenches:
+            self.robot.frame(name)
+        return self._programs.get(model, tuple(wrenches), bool(told))
+
     def inertia_matrix(self, q):
         """A (..., n, n) [kg m², kg m or kg], rotors counted; with a moving base (..., 6 + n, 6 + n), the base first.
 
         Source: Khalil, sections 3.3.1 and 7.1.
         """
+        return self._computed(
+            "inertia_matrix", {"q": self._joints("positions", q)}, None, lambda: self._inertia_matrix(q)
+        )
+
+    def _inertia_matrix(self, q):
         q = self.expand(q)
         P = self._projection
         with np.errstate(all="ignore"):
@@ -113,13 +158,47 @@ class Dynamics:
 
     def gravity(self, q, *, base=None):
         """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
-        state = self._state(q, np.zeros(len(self.joint_names)), base)
-        return self._bias(state, base, np.zeros(6), state.base.at_rest)
+
+        def recursion():
+            state = self._state(q, np.zeros(len(self.joint_names)), base)
+            return self._bias(state, base, np.zeros(6), state.base.at_rest)
+
+        return self._computed("gravity", {"q": self._joints("positions", q)}, {"base": base}, recursion)
 
     def coriolis(self, q, qd, *, base=None):
         """C(q, q̇)q̇ alone (..., n): neither gravity nor friction; with a moving base (..., 6 + n), the base first."""
-        state = self._state(q, qd, base)
-        return self._bias(state, base, state.base.twist, np.zeros(6))
+
+        def recursion():
+            state = self._state(q, qd, base)
+            return self._bias(state, base, state.base.twist, np.zeros(6))
+
+        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
+        return self._computed("coriolis", given, {"base": base}, recursion)
+
+    def _computed(self, model, given, question, recursion):
+        """The first result of a model: of its program where it is ready, else of the recursion.
+
+        given: {argument: (..., n)}, checked; question: what `base` and `external_wrenches` are, None where they have
+        no part in the model. What a program gives that is not finite, or singular, is asked of the recursion, which
+        tells why.
+        """
+        base, wrenches = (question or {}).get("base"), (question or {}).get("external_wrenches") or {}
+        if not (self._compiles and self.joint_names and isinstance(wrenches, Mapping)):
+            return recursion()
+        key = program_key(model, self.robot, base, wrenches)
+        program = self._programs.ready(*key)
+        if program is None:
+            started = time.perf_counter()
+            found = recursion()
+            self._programs.note(time.perf_counter() - started, *key)
+            return found
+        arguments = [
+            *given.values(),
+            *of_base(model, self.robot, question, base),
+            *checked_wrenches(self.robot, wrenches),
+        ]
+        found = run_program(program, arguments, common_batch(*arguments))
+        return recursion() if found is None else found
 
     def friction(self, qd):
         """Viscous and Coulomb friction alone (..., n) [N m or N]; none at rest."""

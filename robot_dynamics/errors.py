@@ -19,6 +19,10 @@ class SingularModelError(RobotDynamicsError):
     """A model has no answer: nothing with inertia resists some motion, or no equilibrium was found."""
 
 
+class CompilationError(RobotDynamicsError):
+    """A program cannot be compiled on this machine; it can still be run as Python."""
+
+
 def unknown_name(kind, name, known):
     """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
     name, known = str(name)[:100], list(known)

@@ -5,10 +5,10 @@ import logging
 import os
 import sys
 
-from robot_dynamics.commands import convert, schema, shipped, show
+from robot_dynamics.commands import convert, count, generate, schema, shipped, show
 from robot_dynamics.errors import RobotDynamicsError
 
-VERBS = (convert, show, shipped, schema)
+VERBS = (show, convert, generate, count, shipped, schema)
 
 
 def main(arguments=None):

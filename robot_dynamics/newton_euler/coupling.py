@@ -40,18 +40,21 @@ def coupled_accelerations(robot, S, q, unknown, accelerations, forces, bias):
     """
     rows = bias.shape[-1]
     base = rows - S.shape[0]
-    P = projection(S, base)
-    A = P.T @ inertia_matrix(robot, q)[..., -rows:, -rows:] @ P
+    A = inertia_matrix(robot, q)[..., -rows:, -rows:]
+    if S.shape[0] > S.shape[1]:
+        P = projection(S, base)
+        A, bias = P.T @ A @ P, bias @ P
+    size = A.shape[-1]
     # from the tips to the base: so the zeros between branches stay zero in the factors
     sought = np.array([*(base + number for number in reversed(unknown)), *range(base)], dtype=int)
-    known = np.ones(P.shape[1], dtype=int)
+    known = np.ones(size, dtype=int)
     known[sought] = 0
     given = known * np.concatenate([np.zeros((*accelerations.shape[:-1], base), dtype=int), accelerations], axis=-1)
     pushes = np.concatenate([np.zeros((*forces.shape[:-1], base), dtype=int), forces], axis=-1)
-    push = pushes - bias @ P - (A @ given[..., None])[..., 0]
+    push = pushes - bias - (A @ given[..., None])[..., 0]
     A = A[..., sought[:, None], sought]
     factors = linear.factor(A)
     solved = linear.solve(factors, push[..., sought])
     place = {row: number for number, row in enumerate(sought)}
-    found = [given[..., row] if row not in place else solved[..., place[row]] for row in range(P.shape[1])]
+    found = [given[..., row] if row not in place else solved[..., place[row]] for row in range(size)]
     return np.stack(np.broadcast_arrays(*found), axis=-1), factors[1], np.diagonal(A, axis1=-2, axis2=-1)

@@ -99,7 +99,12 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
 
 @pytest.mark.parametrize(
     ("imported", "printed"),
-    [("Dynamics, Inertia", "panda_joint7"), ("Base", "(7, 6)"), ("Dynamics, load_robot\n", "'spring_3'")],
+    [
+        ("Dynamics, Inertia", "panda_joint7"),
+        ("Base", "(7, 6)"),
+        ("Dynamics, load_robot\n", "'spring_3'"),
+        ("load_robot, Dynamics\n", "(100000, 7) 314 × / 289 +"),
+    ],
 )
 def test_python_of_the_readme_runs(imported, printed, capsys):
     exec(compile(python_of(f"numpy as np\nfrom robot_dynamics import {imported}"), "README.md", "exec"), {})
@@ -119,7 +124,7 @@ def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     assert (arm.joints[1].placement[0, 3], longer.joints[1].placement[0, 3]) == (0.4, 0.5)
     assert [joint.role for joint in arm.joints] == ["actuated", "elastic"] and not arm.warnings
     assert Dynamics(panda).joint_names == Dynamics(load_robot("panda")).joint_names
-    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 7
+    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 10
     assert "longer.yaml" in README and (tmp_path / "mdh.schema.json").read_text().startswith("{")
 
 

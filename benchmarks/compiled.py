@@ -1,0 +1,146 @@
+"""Compiled models beside Pinocchio in the same run: one call, batches, threads, and what compiling takes.
+
+Rounds of both go in turn, and the ratio is the median of the rounds' ratios. A ratio above 1 means that robot_dynamics
+is that many times faster. Batches of Pinocchio are its own rneaInParallel and abaInParallel on one thread.
+"""
+
+import argparse
+import os
+import platform
+import sys
+import tempfile
+import time
+from array import array
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
+from inverse_direct import processor, side_by_side
+from peers.real_robots import real_urdf
+
+from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.symbolic.compiled_models import MODELS
+from robot_dynamics.symbolic.python_code import python_function
+
+ROBOTS = {
+    "panda": lambda: shipped_robots()["panda"].read_text(),
+    "ur5e": lambda: shipped_robots()["ur5e"].read_text(),
+    "talos_reduced": lambda: real_urdf("talos_reduced"),
+}
+
+
+class Case:
+    """A robot here and in Pinocchio, at the same random states."""
+
+    def __init__(self, urdf, samples, seed=0):
+        self.robot = load_robot(urdf)
+        self.dynamics = Dynamics(self.robot, compiled=False)
+        self.model = pin.buildModelFromXML(urdf)
+        self.data = self.model.createData()
+        names = self.dynamics.joint_names
+        order = [self.model.joints[self.model.getJointId(name)].idx_v for name in names]
+        assert self.model.nq == len(names), "joints with cosine and sine as coordinates are not compared here"
+        self.states = np.random.default_rng(seed).uniform(-1, 1, (3, samples, len(names)))
+        self.theirs = np.empty_like(self.states)
+        self.theirs[:, :, order] = self.states
+        self.order = order
+
+    def calls(self, model):
+        """(what, ours, Pinocchio's, samples) of one model: inverse or direct."""
+        peer, peer_batch = (pin.rnea, pin.rneaInParallel) if model == "inverse" else (pin.aba, pin.abaInParallel)
+        program = self.dynamics.compile(model)
+        program.prepare_batch()
+        q, qd, last = (np.ascontiguousarray(state[0]) for state in self.states)
+        arrays = [array("d", values) for values in (q, qd, last, np.zeros_like(q))]
+        out, given = np.empty_like(q), [np.ascontiguousarray(state[0]) for state in self.theirs]
+        expected = peer(self.model, self.data, *given)[self.order]
+        extra = self.dynamics.friction(qd)
+        found = program.evaluate(q, qd, last + (0 if model == "inverse" else extra))
+        assert np.abs(found - expected - (extra if model == "inverse" else 0)).max() < 1e-9 * np.abs(expected).max()
+
+        def theirs():
+            peer(self.model, self.data, *given)
+
+        yield f"{model}, out=", lambda: program.evaluate(q, qd, last, out), theirs, 1
+        yield f"{model}, array.array in and out", lambda: program.evaluate(*arrays), theirs, 1
+        yield f"{model}, new array", lambda: program.evaluate(q, qd, last), theirs, 1
+        pool = pin.ModelPool(self.model, 1)
+        columns = [np.asfortranarray(state.T) for state in self.theirs]
+        result = np.empty_like(self.states[0])
+        their_result = np.asfortranarray(np.empty_like(columns[0]))
+        yield (
+            f"{model}, batch of {len(result)}",
+            lambda: program.batch(*self.states, out=result),
+            lambda: peer_batch(1, pool, *columns, their_result),
+            len(result),
+        )
+        yield (
+            f"{model}, batch, two threads beside one",
+            lambda: program.batch(*self.states, out=result, threads=2),
+            lambda: program.batch(*self.states, out=result),
+            len(result),
+        )
+
+    def fallback(self):
+        """(what, exec'd Python, NumPy recursion, samples)."""
+        function = python_function(MODELS["inverse"](self.robot))
+        sample = [state[0].tolist() for state in self.states]
+        arrays = [state[0] for state in self.states]
+        yield (
+            "inverse in Python, beside the recursion",
+            lambda: function(*sample),
+            lambda: self.dynamics.inverse(*arrays),
+            1,
+        )
+
+
+def first_use(urdf, model):
+    """(trace and compile [s], cached load [s], operations) of a model, with an empty cache and with a full one."""
+    robot = load_robot(urdf)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["ROBOT_DYNAMICS_CACHE"] = folder
+        times = []
+        for _ in range(2):
+            started = time.perf_counter()
+            program = Dynamics(robot).compile(model)
+            times.append(time.perf_counter() - started)
+        del os.environ["ROBOT_DYNAMICS_CACHE"]
+    return *times, program.program.operations
+
+
+def installed(package):
+    try:
+        return f"{package} {version(package)}"
+    except PackageNotFoundError:
+        return f"{package} missing"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=9)
+    parser.add_argument("--batch", type=int, default=100_000)
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
+    options = parser.parse_args()
+    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin")))
+    print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
+    Dynamics(load_robot("ur5e")).compile("gravity")  # the import of llvmlite is not what is measured
+    print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
+    for name in options.robots:
+        for model in ("inverse", "direct"):
+            compiled, cached, operations = first_use(ROBOTS[name](), model)
+            print(f"{f'{name}: {model}':<48} {compiled * 1e3:6.0f} ms {cached * 1e3:6.0f} ms   {operations}")
+    print(f"\n{'':<48} {'ours':>12} {'the other':>12} {'ratio':>8}")
+    for name in options.robots:
+        case = Case(ROBOTS[name](), options.batch)
+        for what, ours, theirs, samples in [*case.calls("inverse"), *case.calls("direct"), *case.fallback()]:
+            mine, other, ratio = side_by_side(ours, theirs, options.rounds)
+            told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
+            print(f"{f'{name}: {what}':<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""Write a model of a robot as straight-line code: C99 for a controller, or Python to read.
+
+The code needs nothing but <math.h> or `math`, allocates nothing and keeps no state. inverse, direct, inertia_matrix,
+gravity, coriolis, bias (gravity and Coriolis together), regressor, pose (of --frame). What each takes and gives stands
+at the top of the file. Code of two robots in one program needs two prefixes.
+"""
+
+from pathlib import Path
+
+from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.symbolic.c_code import c_name, c_source
+from robot_dynamics.symbolic.compiled_models import MODELS
+from robot_dynamics.symbolic.models import pose_model
+from robot_dynamics.symbolic.python_code import python_source
+
+NAME = "generate"
+
+
+def add_arguments(parser):
+    add_robot_arguments(parser)
+    parser.add_argument("--model", choices=(*MODELS, "pose"), default="inverse", help="default: inverse")
+    parser.add_argument("--lang", choices=("c", "python"), default="c", help="default: c")
+    parser.add_argument("--output", metavar="DIR", default=".", help="folder to write into; default: here")
+    parser.add_argument("--prefix", default="", help="in front of the names of functions and files, such as left_")
+    parser.add_argument("--frame", help="the frame of --model pose")
+    parser.add_argument(
+        "--wrench", metavar="LINK", action="append", default=[],
+        help="take the external wrench on this link as an argument, in its own frame (inverse, direct); any number",
+    )  # fmt: skip
+
+
+def run(told):
+    robot = robot_of(told)
+    program = _program(told, robot)
+    names = Dynamics(robot).joint_names
+    if told.lang == "c":
+        header, source = c_source(program, told.prefix, names)
+        texts = {f"{c_name(program, told.prefix)}.h": header, f"{c_name(program, told.prefix)}.c": source}
+    else:
+        texts = {f"{c_name(program, told.prefix)}.py": python_source(program, names)}
+    for name, text in texts.items():
+        path = Path(told.output) / name
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise DescriptionError(f"{path} cannot be written: {error.strerror}") from None
+        print(f"{path}: {program.name} of {robot.name!r}, {program.operations}")
+
+
+def _program(told, robot):
+    if told.model == "pose":
+        if told.frame is None:
+            raise DescriptionError("--model pose needs --frame, the name of a frame of the robot")
+        robot.frame(told.frame)
+        return pose_model(robot, told.frame)
+    if told.wrench and told.model not in ("inverse", "direct"):
+        raise DescriptionError(f"--wrench has a meaning for inverse and direct, not for {told.model}")
+    for link in told.wrench:
+        robot.frame(link)
+    options = {"wrenches": told.wrench} if told.model in ("inverse", "direct") else {}
+    return MODELS[told.model](robot, **options)

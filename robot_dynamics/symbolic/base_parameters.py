@@ -1,0 +1,88 @@
+"""Inertial parameters gathered into the fewest that the joint efforts depend on, the robot's efforts staying the same.
+
+Of the body of a revolute link j, the part that is symmetric about z_j without spin inertia (mass M, first moment MZ
+along the axis, second moments YY about x and y) exerts the same wrench on the antecedent however joint j turns, so it
+can as well be fixed to the antecedent. Of a prismatic link, a part without mass (all second moments) does. What is left
+of link j has M = MZ = YY = 0, or no second moments: the closed-form rules of Khalil and Kleinfinger for MDH trees
+(Khalil, section 2), from the tips to the base. On a base that stands, the rotor of a first joint that turns counts as
+inertia of its link. Where all joints turn nothing is left to gather but further rotors in special arms; links that
+slide near the base leave more, for which `independent_columns` finds what depends on what by numbers.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.robot import Link
+
+
+def gathered(robot):
+    """The Robot with the same efforts for every motion, and fewer inertial parameters that are not zero.
+
+    Its links are no bodies that could exist. Efforts, A, H, the accelerations of the direct model and those of a moving
+    base and its wrench are those of the given robot; what joints carry besides their efforts is not.
+    """
+    inertias = [link.inertia for link in robot.links]
+    for number in range(len(robot.joints), 0, -1):
+        joint = robot.joints[number - 1]
+        moved = _symmetric_part(inertias[number]) if not joint.prismatic else _massless_part(inertias[number])
+        inertias[number] = _without(inertias[number], moved)
+        inertias[joint.antecedent] += moved.seen_from(joint.placement)
+    joints = list(robot.joints)
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.antecedent == 0 and not (joint.prismatic or robot.moving_base):
+            inertias[number] += _as_body(joint)
+            joints[number - 1] = replace(joint, rotor_inertia=0.0)
+    links = [Link(link.name, inertia) for link, inertia in zip(robot.links, inertias, strict=True)]
+    return replace(robot, links=tuple(links), joints=tuple(joints))
+
+
+def independent_columns(matrix, tolerance=1e-9):
+    """(kept, dependent, K): numbers of columns of `matrix` (rows, p) such that the kept ones are independent, and
+    matrix[:, dependent] = matrix[:, kept] @ K, to `tolerance` of the matrix's size.
+
+    Of columns that depend on each other the first is kept. For a regressor of many random motions, the parameters
+    θ_kept + K θ_dependent are base parameters. By QR factors (Gautier).
+    """
+    size = np.linalg.norm(matrix)
+    kept, basis = [], np.zeros((matrix.shape[0], 0))
+    for column in range(matrix.shape[1]):
+        rest = matrix[:, column]
+        for _ in range(2):  # once more, for the digits that the first time loses
+            rest = rest - basis @ (basis.T @ rest)
+        length = np.linalg.norm(rest)
+        if length > tolerance * size:
+            kept.append(column)
+            basis = np.column_stack([basis, rest / length])
+    dependent = [column for column in range(matrix.shape[1]) if column not in set(kept)]
+    K = np.linalg.lstsq(matrix[:, kept], matrix[:, dependent], rcond=None)[0]
+    return kept, dependent, K
+
+
+def _symmetric_part(inertia):
+    """The part of a body that looks the same however it is turned about z, with second moment zero about z."""
+    YY = inertia.second_moments[1, 1]
+    zero = 0 * YY
+    first = np.array([zero, zero, inertia.first_moments[2]])
+    return Inertia(inertia.mass, first, np.array([[YY, zero, zero], [zero, YY, zero], [zero, zero, zero]]))
+
+
+def _as_body(joint):
+    """The rotor of a joint as a body that turns about its axis."""
+    zero = 0 * joint.rotor_inertia
+    second = np.array([[zero, zero, zero], [zero, zero, zero], [zero, zero, joint.rotor_inertia]])
+    return Inertia(zero, np.array([zero] * 3), second)
+
+
+def _massless_part(inertia):
+    return Inertia(0.0, np.zeros(3), inertia.second_moments)
+
+
+def _without(inertia, part):
+    """What is left of a body without a part of it. What is equal leaves zero exactly."""
+    return Inertia(
+        inertia.mass - part.mass,
+        inertia.first_moments - part.first_moments,
+        inertia.second_moments - part.second_moments,
+    )

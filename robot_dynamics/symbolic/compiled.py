@@ -1,0 +1,231 @@
+"""A straight-line program compiled to machine code: one sample at a time from buffers, or a batch of them."""
+
+import ctypes
+import math
+import sys
+from itertools import pairwise
+from threading import Lock, Thread
+from types import SimpleNamespace
+
+import numpy as np
+
+from robot_dynamics.errors import CompilationError, QuestionError, unknown_name
+from robot_dynamics.symbolic.llvm_batch import batch_function
+from robot_dynamics.symbolic.llvm_entry import entry_text, signature
+from robot_dynamics.symbolic.llvm_kernel import block_function, sample_function
+from robot_dynamics.symbolic.llvm_runtime import python_function, table
+from robot_dynamics.symbolic.llvm_sincos import functions
+from robot_dynamics.symbolic.program import constants
+from robot_dynamics.symbolic.scalar import (
+    ADD,
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    PARAMETER,
+    SIGN,
+    SINE,
+    SQUARE_ROOT,
+    SUBTRACT,
+)
+
+WORK_OF_A_THREAD = 6e7
+"""Statements times samples, about 1 ms, below which a thread may take longer to start than it saves."""
+
+RUNTIME = "@runtime = external global ptr"
+LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)
+
+OPERATIONS = {
+    ADD: lambda a, b: a + b,
+    SUBTRACT: lambda a, b: a - b,
+    MULTIPLY: lambda a, b: a * b,
+    DIVIDE: lambda a, b: a / b,
+    SINE: math.sin,
+    COSINE: math.cos,
+    SQUARE_ROOT: math.sqrt,
+    SIGN: lambda a: math.copysign(1.0, a) if a else 0.0,
+}
+
+
+def compile_program(program, parameters=None):
+    """The CompiledProgram of a Program, for {name: value} of its parameters, which become constants of the code.
+
+    Raises CompilationError where llvmlite is missing or fails, and QuestionError for parameters that do not fit.
+    """
+    return CompiledProgram(program, known_values(program, parameters or {}))
+
+
+def known_values(program, parameters):
+    """{node: float} of all that a Program knows before a call: constants, parameters, and what follows from them.
+
+    Raises QuestionError for names that are missing or unknown and for values that are not finite.
+    """
+    for name in parameters:
+        if name not in program.parameters:
+            raise QuestionError(unknown_name(f"parameter of {program.name}", name, program.parameters))
+    missing = [name for name in program.parameters if name not in parameters]
+    if missing:
+        raise QuestionError(f"{program.name} needs a value for {', '.join(map(repr, missing[:40]))}")
+    known = constants(program)
+    for leaf in program.leaves:
+        if leaf.operation == PARAMETER:
+            value = known[leaf.number] = float(parameters[leaf.operands[0]])
+            if not math.isfinite(value):
+                raise QuestionError(f"parameter {leaf.operands[0]!r} of {program.name} is {value}, and must be finite")
+    for number, operation, operands in program.setup:
+        try:
+            known[number] = OPERATIONS[operation](*(known[operand] for operand in operands))
+        except (ArithmeticError, ValueError) as error:
+            raise QuestionError(f"the parameters of {program.name} have no answer: {error} in {operation}") from error
+    return known
+
+
+class CompiledProgram:
+    """A Program as machine code.
+
+    evaluate(*inputs) gives new arrays, one, or a tuple if there are several; evaluate(*inputs, *outputs) writes into
+    the outputs and gives None. Each argument is a C-contiguous buffer of float64 with as many numbers as the program
+    says, of any shape: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs, but not each
+    other. Raises TypeError for what is no such buffer, ValueError for a wrong count, layout or read-only output.
+
+    nan or inf in an input make nan or inf of what depends on it, in that sample alone.
+    """
+
+    def __init__(self, program, known):
+        if not program.outputs:
+            raise ValueError(f"{program.name} has no output to compute")
+        self.program, self._known = program, known
+        self._inputs = list(program.inputs.items())
+        self._outputs = [(output.name, output.shape) for output in program.outputs]
+        self._lock, self._loop = Lock(), None
+        self._library = _translated(self._load_evaluate)
+        owner = SimpleNamespace(library=self._library)
+        self.evaluate = python_function(self._library["evaluate"], program.name, _document(program), owner)
+
+    def _load_evaluate(self):
+        from robot_dynamics.symbolic.llvm_engine import Library, fused
+
+        sample, widths = sample_function(self.program, self._known)
+        described = signature(self.program.name, self.program.inputs, dict(self._outputs))
+        text = "\n".join([described, RUNTIME, *(functions(width, fused()) for width in sorted(widths)), sample])
+        library = Library([text, entry_text()], ["evaluate", "sample", "runtime"])
+        addresses = table()
+        ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
+        return library
+
+    def _load_batch(self):
+        from robot_dynamics.symbolic.llvm_engine import Library, fused, lanes
+
+        block = block_function(self.program, self._known, lanes())
+        loop = batch_function(len(self._inputs) + len(self._outputs), lanes())
+        text = "\n".join([RUNTIME, functions(lanes(), fused()), block, loop])
+        return Library([text], ["batch"], {name: self._library[name] for name in ("sample", "runtime")})
+
+    def prepare_batch(self):
+        """Compile what `batch` runs, if it is not yet; the first `batch` does it otherwise. Raises CompilationError."""
+        with self._lock:
+            if self._loop is None:
+                library = _translated(self._load_batch)
+                self._loop = LOOP(library["batch"])
+                self._loop.libraries = library, self._library  # it calls `sample` of the other
+        return self._loop
+
+    def batch(self, *arrays, out=None, threads=1):
+        """The outputs (N, *shape) of N samples, one array or a tuple of several.
+
+        arrays: of each input (N, size), or (size,) for all samples the same; at least one has N rows. What is not a
+        C-contiguous array of float64 is copied into one. out: arrays of the outputs' shapes to write into, one or a
+        tuple; they may overlap inputs. threads: how many share the work, if it is enough for them; other Python
+        threads go on meanwhile.
+
+        Raises TypeError and ValueError for arguments that do not fit.
+        """
+        given, samples = self._samples(arrays)
+        told = self._results(out, samples)
+        results = [
+            np.empty_like(array)
+            if out is not None and any(np.may_share_memory(array, other) for other in given)
+            else array
+            for array in told
+        ]
+        self._run(given, results, samples, threads)
+        for array, result in zip(told, results, strict=True):
+            if result is not array:
+                array[...] = result
+        return told[0] if len(told) == 1 else tuple(told)
+
+    def _samples(self, arrays):
+        """(arrays of float64, number of samples) of the arguments of `batch`."""
+        if len(arrays) != len(self._inputs):
+            names = ", ".join(name for name, _ in self._inputs)
+            raise TypeError(f"{self.program.name} takes {len(self._inputs)} arrays ({names}), not {len(arrays)}")
+        given, rows = [], {}
+        for place, ((name, size), array) in enumerate(zip(self._inputs, arrays, strict=True), start=1):
+            array = np.asarray(array)
+            where = f"{self.program.name}: argument {place} ({name})"
+            if array.dtype.kind not in "fiu":
+                raise TypeError(f"{where} must hold float64, not {array.dtype}")
+            if array.shape != (size,) and (array.ndim != 2 or array.shape[1] != size):
+                raise ValueError(f"{where} must have the shape (N, {size}) or ({size},), not {array.shape}")
+            if array.ndim == 2:
+                rows[name] = len(array)
+            given.append(np.ascontiguousarray(array, dtype=np.float64))
+        if len(set(rows.values())) != 1:
+            told = ", ".join(f"{name} has {count}" for name, count in rows.items()) or "no array has rows"
+            raise ValueError(f"{self.program.name}: the arrays must have the same number of samples, but {told}")
+        return given, next(iter(rows.values()))
+
+    def _results(self, out, samples):
+        """The arrays to write into."""
+        shapes = [(name, (samples, *shape)) for name, shape in self._outputs]
+        if out is None:
+            return [np.empty(shape) for _, shape in shapes]
+        told = [out] if isinstance(out, np.ndarray) else list(out)
+        if len(told) != len(shapes):
+            raise ValueError(f"{self.program.name} writes into {len(shapes)} arrays, not {len(told)}")
+        for (name, shape), array in zip(shapes, told, strict=True):
+            where = f"{self.program.name}: the array for {name}"
+            if not isinstance(array, np.ndarray) or array.dtype != np.float64:
+                raise TypeError(f"{where} must be a NumPy array of float64")
+            if array.shape != shape or not (array.flags.c_contiguous and array.flags.writeable):
+                raise ValueError(f"{where} must be C-contiguous, writable and of the shape {shape}, not {array.shape}")
+        if any(np.may_share_memory(a, b) for place, a in enumerate(told) for b in told[:place]):
+            raise ValueError(f"{self.program.name}: the arrays to write into must not overlap")
+        return told
+
+    def _run(self, given, results, samples, threads):
+        arrays = [*given, *results]
+        pointers = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
+        rows = [array.strides[0] if array.ndim == 2 else 0 for array in given]
+        rows += [8 * math.prod(shape) for _, shape in self._outputs]
+        strides = (ctypes.c_ssize_t * len(rows))(*rows)
+        loop = self.prepare_batch()
+
+        def work(start, end, _arrays=arrays):  # which live as long as a thread works on them
+            loop(pointers, strides, start, end)
+
+        enough = int(samples * max(1, len(self.program.statements)) / WORK_OF_A_THREAD)
+        shares = max(1, min(threads, enough))
+        bounds = [samples * share // shares for share in range(shares + 1)]
+        helpers = [Thread(target=work, args=share) for share in pairwise(bounds[1:])]
+        for helper in helpers:
+            helper.start()
+        work(*bounds[:2])
+        for helper in helpers:
+            helper.join()
+
+
+def _document(program):
+    arguments = ", ".join([*program.inputs, *(output.name for output in program.outputs)])
+    return f"{program.name}({arguments})\n\nWithout the outputs it gives new arrays; see CompiledProgram."
+
+
+def _translated(load):
+    """What `load` gives, or CompilationError for whatever stops it."""
+    if sys.implementation.name != "cpython" or ctypes.sizeof(ctypes.c_void_p) != 8:
+        raise CompilationError("compiled programs need CPython on a 64-bit machine")
+    try:
+        return load()
+    except ImportError as error:
+        raise CompilationError(f"compiled programs need llvmlite, 0.46 or later: {error}") from error
+    except (AttributeError, OSError, RuntimeError) as error:
+        raise CompilationError(f"the program could not be compiled: {error}") from error

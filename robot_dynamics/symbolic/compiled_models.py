@@ -1,0 +1,128 @@
+"""The models of one robot as programs that run: traced and compiled when they are asked for, each once."""
+
+import logging
+import time
+from threading import Lock, Thread
+
+import numpy as np
+
+from robot_dynamics.errors import CompilationError, SingularModelError
+from robot_dynamics.symbolic import models
+from robot_dynamics.symbolic.compiled import CompiledProgram, compile_program
+from robot_dynamics.symbolic.python_code import python_batch, python_function
+
+logger = logging.getLogger(__name__)
+
+MODELS = {
+    "inverse": models.inverse_model,
+    "direct": models.direct_model,
+    "inertia_matrix": models.inertia_matrix_model,
+    "gravity": models.gravity_model,
+    "coriolis": models.coriolis_model,
+    "bias": models.bias_model,
+    "regressor": models.regressor_model,
+}
+PATIENCE = 0.05  # seconds that a model is computed by the recursions before it is worth compiling
+MOST_PROGRAMS = 24  # of one robot: questions with ever other wrenches do not fill the memory
+
+
+class PythonProgram:
+    """A Program run as Python, with the entries of a CompiledProgram: where nothing compiles."""
+
+    def __init__(self, program):
+        self.program = program
+        self._one, self._many = python_function(program), python_batch(program)
+
+    def evaluate(self, *arguments):
+        """As CompiledProgram.evaluate: results, or None where outputs to write into are given."""
+        inputs, outputs = arguments[: len(self.program.inputs)], arguments[len(self.program.inputs) :]
+        results = self._one(*inputs)
+        results = [results] if len(self.program.outputs) == 1 else results
+        shapes = [output.shape for output in self.program.outputs]
+        arrays = [np.reshape(result, shape) for result, shape in zip(results, shapes, strict=True)]
+        if not outputs:
+            return arrays[0] if len(arrays) == 1 else tuple(arrays)
+        for output, array in zip(outputs, arrays, strict=True):
+            np.frombuffer(output)[:] = array.ravel()
+        return None
+
+    def batch(self, *arrays, out=None, threads=1):
+        """As CompiledProgram.batch, by columns of NumPy."""
+        results = self._many(*arrays)
+        if out is None:
+            return results
+        for target, result in zip([out] if len(self.program.outputs) == 1 else out, results, strict=True):
+            target[...] = result
+        return out
+
+
+class CompiledModels:
+    """Programs of a robot by what they compute: a name in MODELS; names of the links that wrenches act on; whether the
+    base moves as told; whether the results that tell of singular states come too."""
+
+    def __init__(self, robot):
+        self._robot = robot
+        self._programs, self._spent, self._started = {}, {}, set()
+        self._lock = Lock()
+
+    def get(self, name, wrenches=(), told=False, guarded=False, batches=False):
+        """The CompiledProgram, or where none can be the PythonProgram, of a model. Compiles it if that is not done.
+
+        batches: whether what batches run is compiled at once too, and not when the first one comes.
+        """
+        key = (name, tuple(wrenches), told, guarded)
+        program = self._programs.get(key)
+        if program is None:
+            with self._lock:
+                program = self._programs.get(key)
+                if program is None:
+                    program = self._made(*key)
+                    if batches and isinstance(program, CompiledProgram):
+                        program.prepare_batch()
+                    self._programs[key] = program
+        return program
+
+    def ready(self, name, wrenches=(), told=False, guarded=False):
+        """The program of a model where it is there already, else None."""
+        return self._programs.get((name, tuple(wrenches), told, guarded))
+
+    def note(self, seconds, name, wrenches=(), told=False, guarded=False):
+        """Tell that a model took so long without a program; one that is worth it is made, in a thread of its own."""
+        key = (name, tuple(wrenches), told, guarded)
+        self._spent[key] = self._spent.get(key, 0.0) + seconds
+        if self._spent[key] > PATIENCE and key not in self._started and len(self._started) < MOST_PROGRAMS:
+            self._started.add(key)
+            Thread(target=self._try, args=key, name=f"compile {name}").start()
+
+    def _try(self, *key):
+        try:
+            self.get(*key, batches=True)
+        except SingularModelError:  # the recursions say so, and of which joint
+            pass
+        except Exception:  # a fault of ours must not end a thread in silence, and the recursions go on
+            logger.exception("the model %s of %r could not be compiled", key[0], self._robot.name)
+
+    def _made(self, name, wrenches, told, guarded):
+        started = time.perf_counter()
+        options = {"wrenches": wrenches, "told": told, "guarded": guarded} if name in ("inverse", "direct") else {}
+        try:
+            program = MODELS[name](self._robot, **options)
+        except ZeroDivisionError:
+            raise SingularModelError(f"{name}: nothing with inertia resists some motion, whatever the state") from None
+        try:
+            made = compile_program(program)
+        except CompilationError as error:
+            _warn_once(str(error))
+            made = PythonProgram(program)
+        logger.debug("%s of %r: %s, ready in %.3f s", name, self._robot.name, program.operations,
+                     time.perf_counter() - started)  # fmt: skip
+        return made
+
+
+_warned = set()
+
+
+def _warn_once(reason):
+    if reason not in _warned:
+        _warned.add(reason)
+        logger.warning("models run as Python, some ten times slower than compiled: %s. pip install llvmlite", reason)

@@ -1,0 +1,72 @@
+"""The loop over samples, as LLVM IR text: block after block of as many samples as a vector has lanes."""
+
+from string import Template
+
+
+def batch_function(arrays, lanes):
+    """IR of `@batch(ptr %pointers, ptr %strides, i64 %start, i64 %end)`, samples start to end - 1 of so many arrays.
+
+    Row i of an array is i strides [bytes] after its pointer. The last block computes the last sample in every lane that
+    is left over. A sample with an angle out of the vectors' range is computed again by itself. Outputs must not overlap
+    inputs.
+    """
+    rows = "".join(ROW.substitute(array=array) for array in range(arrays))
+    return BATCH.substitute(arrays=arrays, lanes=lanes, rows=rows)
+
+
+ROW = Template("""
+  %from$array.at = getelementptr inbounds ptr, ptr %pointers, i64 $array
+  %from$array = load ptr, ptr %from$array.at, align 8
+  %stride$array.at = getelementptr inbounds i64, ptr %strides, i64 $array
+  %stride$array = load i64, ptr %stride$array.at, align 8
+  %offset$array = mul i64 %sample, %stride$array
+  %row$array = getelementptr i8, ptr %from$array, i64 %offset$array
+  %row$array.at = getelementptr inbounds ptr, ptr %rows, i64 $array
+  store ptr %row$array, ptr %row$array.at, align 8""")
+
+BATCH = Template("""
+declare i64 @llvm.smin.i64(i64, i64)
+declare void @sample(ptr)
+define void @batch(ptr %pointers, ptr %strides, i64 %start, i64 %end) noinline {
+entry:
+  %last = sub i64 %end, 1
+  %some = icmp slt i64 %start, %end
+  br i1 %some, label %blocks, label %done
+blocks:
+  %first = phi i64 [%start, %entry], [%next, %continue]
+  %next = add i64 %first, $lanes
+  %wide = call i$lanes @block(ptr %pointers, ptr %strides, i64 %first, i64 %last)
+  %right = icmp eq i$lanes %wide, 0
+  br i1 %right, label %continue, label %again
+again:
+  call void @one_by_one(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %wide)
+  br label %continue
+continue:
+  %more = icmp slt i64 %next, %end
+  br i1 %more, label %blocks, label %done
+done:
+  ret void
+}
+define internal void @one_by_one(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %wide) noinline cold {
+entry:
+  %rows = alloca [$arrays x ptr]
+  br label %lanes
+lanes:
+  %sample = phi i64 [%first, %entry], [%next, %continue]
+  %left = phi i$lanes [%wide, %entry], [%others, %continue]
+  %this = trunc i$lanes %left to i1
+  %within = icmp sle i64 %sample, %last
+  %computed = and i1 %this, %within
+  br i1 %computed, label %compute, label %continue
+compute:$rows
+  call void @sample(ptr %rows)
+  br label %continue
+continue:
+  %next = add i64 %sample, 1
+  %others = lshr i$lanes %left, 1
+  %more = icmp ne i$lanes %others, 0
+  br i1 %more, label %lanes, label %done
+done:
+  ret void
+}
+""")

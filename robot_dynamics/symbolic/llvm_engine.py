@@ -1,0 +1,84 @@
+"""From LLVM IR text to addresses of functions, by llvmlite: compiled for this processor, or taken from the cache."""
+
+from functools import cache
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from robot_dynamics.symbolic.llvm_cache import load, store
+
+LEVEL = 2
+
+
+@cache
+def host():
+    """(triple, name of the processor, its features as LLVM writes them)."""
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def fused():
+    """Whether the processor has a fused multiply-add."""
+    triple, _, features = host()
+    return triple.startswith(("aarch64", "arm64")) or "+fma" in features.split(",")
+
+
+def lanes():
+    """Samples in a vector: eight where a register holds as many, else four, which fill two of AVX2 or NEON's four."""
+    return 8 if "+avx512f" in host()[2].split(",") else 4
+
+
+def machine():
+    # all references are relative to the code, so that constants take no instruction of their own
+    triple, processor, features = host()
+    target = llvm.Target.from_triple(triple)
+    return target.create_target_machine(cpu=processor, features=features, opt=LEVEL, reloc="pic", codemodel="small")
+
+
+def object_code(text, anew=False):
+    """Object code of a module, from the cache if it was compiled before and is not asked for anew."""
+    versions = llvmlite.__version__, str(llvm.llvm_version_info), str(LEVEL)
+    key = "\n".join([*versions, *host(), text])
+    image = None if anew else load(key)
+    if image is None:
+        image = compiled(text)
+        store(key, image)
+    return image
+
+
+def compiled(text):
+    """Object code of a module. Of LLVM's passes only what must be inlined is: a trace has nothing left to simplify."""
+    module, made = llvm.parse_assembly(text), machine()
+    module.triple, module.data_layout = host()[0], str(made.target_data)
+    options = llvm.create_pipeline_tuning_options(speed_level=0)
+    builder = llvm.create_pass_builder(made, options)
+    builder.getModulePassManager().run(module, builder)
+    return made.emit_object(module)
+
+
+class Library:
+    """Modules in memory, linked, for as long as this lives: addresses by name of what is exported.
+
+    texts: IR of each module. exports: names. imports: {name: address} of what lies elsewhere.
+    """
+
+    def __init__(self, texts, exports, imports=()):
+        try:
+            self._link([object_code(text) for text in texts], exports, dict(imports))
+        except RuntimeError:  # something was kept that is whole and yet no good
+            self._link([object_code(text, anew=True) for text in texts], exports, dict(imports))
+
+    def _link(self, images, exports, imports):
+        self._jit = llvm.create_lljit_compiler(machine(), use_jit_link=True, suppress_errors=True)
+        builder = llvm.JITLibraryBuilder()
+        for image in images:
+            builder.add_object_img(image)
+        for name in exports:
+            builder.export_symbol(name)
+        for name, address in imports.items():
+            builder.import_symbol(name, address)
+        self._tracker = builder.link(self._jit, "program")
+
+    def __getitem__(self, name):
+        return self._tracker[name]

@@ -1,0 +1,171 @@
+"""The two functions of a program in LLVM IR: of one sample, and of as many samples as a vector has lanes.
+
+Both read all inputs before they write an output. A long program is cut into parts, each a function of its own, because
+the time to compile a function grows faster than its length; what a part leaves to later ones lies in memory.
+"""
+
+from robot_dynamics.symbolic.llvm_rows import read_columns, row_pointers, write_columns
+from robot_dynamics.symbolic.llvm_sincos import too_wide, vector
+from robot_dynamics.symbolic.llvm_steps import SINCOS, parts_of, steps_of, together
+from robot_dynamics.symbolic.llvm_writer import Writer
+from robot_dynamics.symbolic.scalar import INPUT
+
+LONGEST_PART = 5000
+MOST_TOGETHER = 8
+
+
+def input_places(program):
+    """{name: {place: node}} of the entries of inputs that the program reads."""
+    places = {name: {} for name in program.inputs}
+    for leaf in program.leaves:
+        if leaf.operation == INPUT:
+            name, place = leaf.operands
+            places[name][place] = leaf.number
+    return places
+
+
+class SampleWriter(Writer):
+    """One sample: %pointers leads to the address of each input, then of each output."""
+
+    def __init__(self, program, known, slots):
+        super().__init__(program, known, slots, 1)
+        self.gives = "void"
+
+    def array(self, place):
+        self.lines += [
+            f"%array{place}.at = getelementptr inbounds ptr, ptr %pointers, i64 {place}",
+            f"%array{place} = load ptr, ptr %array{place}.at, align 8",
+        ]
+        return f"%array{place}"
+
+    def load(self, step):
+        for array, nodes in enumerate(input_places(self.program).values()):
+            pointer = self.array(array)
+            for place, node in nodes.items():
+                self.lines += [
+                    f"%v{node}.at = getelementptr inbounds double, ptr {pointer}, i64 {place}",
+                    f"%v{node} = load double, ptr %v{node}.at, align 1",
+                ]
+
+    def store(self, step):
+        values = [self.signed(node, sign) for output in self.program.outputs for node, sign in output.entries]
+        values.reverse()
+        for array, output in enumerate(self.program.outputs, start=len(self.program.inputs)):
+            pointer = self.array(array)
+            for place in range(len(output.entries)):
+                at = f"%out{array}.{place}"
+                self.lines += [
+                    f"{at} = getelementptr inbounds double, ptr {pointer}, i64 {place}",
+                    f"store double {values.pop()}, ptr {at}, align 1",
+                ]
+
+    def sincos(self, step):
+        """All angles of the step in one vector, as wide as it takes."""
+        lanes = width(len(step.takes))
+        V, name = vector(lanes), f"%angles{step.takes[0]}"
+        packed = "zeroinitializer"
+        for lane, node in enumerate(step.takes):
+            self.lines.append(f"{name}.{lane} = insertelement {V} {packed}, double {self.value(node)}, i64 {lane}")
+            packed = f"{name}.{lane}"
+        self.lines.append(f"{name}.both = call {{{V}, {V}}} @sincos_anywhere{lanes}({V} {packed})")
+        for which, nodes in enumerate((step.gives[::2], step.gives[1::2])):
+            self.lines.append(f"{name}.{'sc'[which]} = extractvalue {{{V}, {V}}} {name}.both, {which}")
+            self.lines += [
+                f"%v{node} = extractelement {V} {name}.{'sc'[which]}, i64 {lane}"
+                for lane, node in enumerate(nodes)
+                if node is not None
+            ]
+
+    def result(self):
+        return ""
+
+    def joined(self, lines, results):
+        return ""
+
+
+class BlockWriter(Writer):
+    """A sample in each lane: lane i has sample %first + i, or %last if that is less, of arrays whose rows are samples.
+
+    Gives the lanes of which some angle was out of range: there the outputs are wrong.
+    """
+
+    def __init__(self, program, known, slots, lanes):
+        super().__init__(program, known, slots, lanes)
+        self.gives, self.wide = f"i{lanes}", []
+
+    def load(self, step):
+        for array, (name, nodes) in enumerate(input_places(self.program).items()):
+            if nodes:
+                self.lines += row_pointers(array, self.lanes)
+                self.lines += read_columns(array, self.program.inputs[name], nodes, self.lanes)
+
+    def store(self, step):
+        values = [[self.signed(node, sign) for node, sign in output.entries] for output in self.program.outputs]
+        for array, columns in enumerate(values, start=len(self.program.inputs)):
+            if columns:
+                self.lines += row_pointers(array, self.lanes)
+                self.lines += write_columns(array, columns, self.lanes)
+
+    def sincos(self, step):
+        angle, V = self.value(step.takes[0]), self.type
+        name = f"%angle{step.takes[0]}"
+        self.lines += [
+            *too_wide(f"{name[1:]}.wide", angle, self.lanes),
+            f"{name}.both = call {{{V}, {V}}} @sincos{self.lanes}({V} {angle})",
+        ]
+        self.wide.append(f"{name}.wide")
+        for which, node in enumerate(step.gives):
+            if node is not None:
+                self.lines.append(f"%v{node} = extractvalue {{{V}, {V}}} {name}.both, {which}")
+
+    def result(self):
+        return self.joined(self.lines, self.wide)
+
+    def joined(self, lines, results):
+        """Appends lines for the bits that are set in any of the results, and gives the operand that has them."""
+        joined = "0"
+        for place, mask in enumerate(results):
+            lines.append(f"%any{place} = or {self.gives} {joined}, {mask}")
+            joined = f"%any{place}"
+        return joined
+
+
+def width(count):
+    """The least power of two, from 2, that is not below a count."""
+    return max(2, 1 << (count - 1).bit_length())
+
+
+def sample_function(program, known):
+    """IR of `@sample(ptr %pointers)`, and the widths of vectors that it takes sines and cosines of."""
+    steps = together(steps_of(program), MOST_TOGETHER)
+    widths = {width(len(step.takes)) for step in steps if step.operation == SINCOS}
+    parts = parts_of(steps, LONGEST_PART)
+    return _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, known, slots)), widths
+
+
+def block_function(program, known, lanes):
+    """IR of `@block(ptr %pointers, ptr %strides, i64 %first, i64 %last)`, see BlockWriter. Strides are in bytes."""
+    parts = parts_of(steps_of(program), LONGEST_PART)
+    arguments = "ptr %pointers, ptr %strides, i64 %first, i64 %last"
+    return _function("block", arguments, parts, lambda slots: BlockWriter(program, known, slots, lanes))
+
+
+def _function(name, arguments, parts, writer_of):
+    if len(parts) == 1:
+        writer = writer_of({})
+        return _defined("define", writer.gives, f"@{name}({arguments})", writer.write(parts[0]), writer.result())
+    slots = {node: place for place, node in enumerate(node for part in parts for node in part.leaves)}
+    texts, calls, results = [], [], []
+    for place, part in enumerate(parts):
+        writer = writer_of(slots)
+        head = f"@{name}.{place}({arguments}, ptr %scratch)"
+        texts.append(_defined("define internal", writer.gives, head, writer.write(part), writer.result()))
+        calls.append(f"{'' if writer.gives == 'void' else f'%part{place} = '}call {writer.gives} {head}")
+        results.append(f"%part{place}")
+    lines = [f"%scratch = alloca [{len(slots)} x {writer.type}], align 64", *calls]
+    result = writer.joined(lines, results)
+    return "\n".join([*texts, _defined("define", writer.gives, f"@{name}({arguments})", lines, result)])
+
+
+def _defined(linkage, gives, head, lines, result):
+    return "\n".join([f"{linkage} {gives} {head} noinline {{", *lines, f"ret {gives} {result}", "}"])

@@ -1,0 +1,216 @@
+"""The models of a robot as straight-line programs, traced from the recursions of newton_euler.
+
+Arguments and results are those of Dynamics without its checks: arrays q, qd, qdd, efforts (n,) of the independent
+joints; for a moving base also `twist` (6,) and `gravity` (3,), both in the base frame, and `base_acceleration` (6,)
+where the base moves as told; external wrenches, one argument a link, in the link's own frame.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_dynamics.model.mdh import Row, cosine_sine, placement_of, rows_of
+from robot_dynamics.model.minimal_frames import minimal_frames
+from robot_dynamics.newton_euler import composite
+from robot_dynamics.newton_euler.augmented import inverse_dynamics
+from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
+from robot_dynamics.newton_euler.elastic import spring_force
+from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.kinematics import link_placements
+from robot_dynamics.newton_euler.regressor import regressor
+from robot_dynamics.newton_euler.screw import wrench_to_antecedent
+from robot_dynamics.symbolic.base_parameters import gathered
+from robot_dynamics.symbolic.program import program_of
+from robot_dynamics.symbolic.scalar import Trace
+
+NOTHING = np.zeros(6, dtype=int)
+# what the models of a moving base take besides
+MOVING = ("twist", "gravity")
+ARGUMENTS_OF_BASE = {
+    "inverse": MOVING,
+    "direct": MOVING,
+    "bias": MOVING,
+    "regressor": MOVING,
+    "gravity": ("gravity",),
+    "coriolis": ("twist",),
+}
+
+
+def inverse_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
+    """q, qd, qdd -> efforts; of joints without motor qdd is not read, and `accelerations` (n,) of all are a second
+    result; of a moving base not told how to move, `base_acceleration` (6,) is the last.
+
+    wrenches: names of the links that external wrenches act on; told: whether the base's acceleration is an argument;
+    guarded: whether `pivots` and `diagonal` (k,) are results too, where accelerations had to be solved for: they mean
+    nothing where a pivot is not positive, or rounding beside its entry of the diagonal; gather: whether inertial
+    parameters are gathered into the base parameters.
+    """
+    model = _Model("inverse", robot, ("q", "qd", "qdd"), wrenches, told, gather)
+    qdd, unknown = model.inputs["qdd"], model.undriven
+    qdd = qdd * np.array([0 if number in unknown else 1 for number in range(model.size)], dtype=int)
+    base_acceleration = model.base_acceleration
+    if unknown or model.base_is_free:
+        base_acceleration, qdd = model.accelerations(unknown, qdd, -model.lost)
+    forces, _ = model.forces(qdd, base_acceleration)
+    efforts = (forces + model.lost_everywhere) @ model.S
+    results = {"efforts": efforts * np.array([int(k not in unknown) for k in range(model.size)], dtype=int)}
+    if unknown:
+        results["accelerations"] = qdd
+    return model.program(results, base_acceleration, guarded)
+
+
+def direct_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
+    """q, qd, efforts -> accelerations, and of a moving base not told how to move `base_acceleration` (6,).
+
+    Arguments as for `inverse_model`. Where nothing with inertia resists some motion the results are not finite.
+    """
+    model = _Model("direct", robot, ("q", "qd", "efforts"), wrenches, told, gather)
+    nothing = np.zeros(model.size, dtype=int)
+    pushes = model.inputs["efforts"] - model.lost
+    base_acceleration, qdd = model.accelerations(tuple(range(model.size)), nothing, pushes)
+    return model.program({"accelerations": qdd}, base_acceleration, guarded)
+
+
+def inertia_matrix_model(robot, *, gather=True):
+    """q -> A (m, m), as Dynamics.inertia_matrix."""
+    model = _Model("inertia_matrix", robot, ("q",), gather=gather)
+    P = projection(model.S, 6 if robot.moving_base else 0)
+    return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.robot, model.q) @ P})
+
+
+def gravity_model(robot, *, gather=True):
+    """q (and gravity (3,) in the frame of a moving base) -> gravity (m,), as Dynamics.gravity."""
+    model = _Model("gravity", robot, ("q",), gather=gather)
+    return model.program({"gravity": model.rows(-model.gravity_screw)})
+
+
+def coriolis_model(robot, *, gather=True):
+    """q, qd (and the twist (6,) of a moving base) -> coriolis (m,), as Dynamics.coriolis."""
+    model = _Model("coriolis", robot, ("q", "qd"), gather=gather)
+    return model.program({"coriolis": model.rows(NOTHING)})
+
+
+def bias_model(robot, *, gather=True):
+    """q, qd (twist, gravity) -> bias H (m,): gravity and Coriolis terms together, no friction."""
+    model = _Model("bias", robot, ("q", "qd"), gather=gather)
+    return model.program({"bias": model.rows(-model.gravity_screw)})
+
+
+def regressor_model(robot):
+    """q, qd, qdd (twist, gravity, base_acceleration) -> regressor (m, p), its columns as in newton_euler.regressor."""
+    model = _Model("regressor", robot, ("q", "qd", "qdd"), told=robot.moving_base, prepare=False)
+    qdd = model.inputs["qdd"] @ model.S.T
+    Y = regressor(model.robot, model.q, model.qd, qdd, model.twist, model.base_acceleration)
+    P = projection(model.S, 6 if robot.moving_base else 0)
+    return model.program({"regressor": P.T @ Y})
+
+
+def pose_model(robot, frame):
+    """q -> pose (4, 4) of a named frame in frame 0."""
+    model = _Model("pose", robot, ("q",), gather=False)
+    placed = model.robot.frame(frame)
+    R, P = link_placements(model.robot, model.q)[placed.link]
+    pose = np.zeros((4, 4), dtype=object)
+    pose[:3, :3], pose[:3, 3], pose[3, 3] = R, P, 1
+    return model.program({"pose": pose @ placed.placement})
+
+
+class _Model:
+    """A robot and a Trace of which the arguments are recorded: what the functions above put together."""
+
+    def __init__(self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True):
+        self.name, self.trace = name, Trace()
+        self.S, offset, independent = coupling(robot)
+        self.S = np.where(self.S == np.round(self.S), np.round(self.S), self.S)
+        self.size = len(independent)
+        self.undriven = tuple(k for k, number in enumerate(independent) if not robot.joints[number].actuated)
+        self.inputs = {key: self.trace.input(key, self.size) for key in arguments}
+        self.robot, shifts = prepared(robot, gather) if prepare else (robot, np.zeros(len(robot.joints)))
+        plain_q = self.inputs["q"] @ self.S.T + offset
+        self.q = plain_q + shifts
+        self.qd = self.inputs["qd"] @ self.S.T if "qd" in self.inputs else np.zeros(len(robot.joints), dtype=int)
+        self._base(ARGUMENTS_OF_BASE.get(name, ()) if robot.moving_base else (), told)
+        self.wrenches = self._wrenches(wrenches)
+        self.lost_everywhere = np.zeros(len(robot.joints), dtype=int)
+        if "qd" in self.inputs:
+            self.lost_everywhere = friction(robot, self.qd) + spring_force(robot, plain_q, self.qd)
+        self.lost = self.lost_everywhere @ self.S
+        self.guards = {}
+
+    def _base(self, arguments, told):
+        """Twist, gravity and acceleration of the base, gravity taken off, as far as they are known."""
+        for name in (*arguments, *(["base_acceleration"] if told else [])):
+            self.inputs[name] = self.trace.input(name, 3 if name == "gravity" else 6)
+        moves = self.robot.moving_base
+        self.base_is_free = moves and not told
+        self.twist = self.inputs.get("twist", NOTHING)
+        gravity = self.inputs.get("gravity", NOTHING[:3]) if moves else self.robot.gravity
+        self.gravity_screw = np.concatenate([gravity, NOTHING[3:]])
+        self.base_acceleration = (
+            NOTHING if self.base_is_free else self.inputs.get("base_acceleration", 0) - self.gravity_screw
+        )
+
+    def _wrenches(self, names):
+        """{link number: jf_e (6,)}: what links do to their environment, in frame j, of arguments in link frames."""
+        found = {}
+        for name in names:
+            frame = self.robot.frame(name)
+            R, P = frame.placement[:3, :3], frame.placement[:3, 3]
+            self.inputs[f"wrench on {name}"] = wrench = self.trace.input(f"wrench on {name}", 6)
+            found[frame.link] = found.get(frame.link, 0) - wrench_to_antecedent(R, P, wrench)
+        return found
+
+    def forces(self, qdd, base_acceleration):
+        """(forces (all joints,), wrench on the base (6,)) from accelerations of the independent joints."""
+        return inverse_dynamics(
+            self.robot, self.q, self.qd, qdd @ self.S.T, self.twist, base_acceleration, self.wrenches
+        )
+
+    def rows(self, base_acceleration):
+        """What the inverse model asks for with all joints unaccelerated, the rows of a moving base first."""
+        forces, wrench = self.forces(np.zeros(self.size, dtype=int), base_acceleration)
+        forces = forces @ self.S
+        return np.concatenate([wrench, forces]) if self.robot.moving_base else forces
+
+    def accelerations(self, unknown, known, pushes):
+        """(acceleration of the base, gravity taken off; accelerations (n,)): the unknown ones found from the pushes."""
+        forces, wrench = self.forces(known, self.base_acceleration)
+        bias = np.concatenate([wrench, forces]) if self.base_is_free else forces
+        nothing = np.zeros(self.size, dtype=int)
+        found, pivots, diagonal = coupled_accelerations(
+            self._matrix_robot, self.S, self.q, unknown, nothing, pushes, bias
+        )
+        self.guards = {"pivots": np.array(pivots, dtype=object), "diagonal": diagonal}
+        qdd = [found[len(found) - self.size + k] if k in unknown else known[k] for k in range(self.size)]
+        return (found[:6] if self.base_is_free else self.base_acceleration), np.array(qdd, dtype=object)
+
+    @property
+    def _matrix_robot(self):
+        """The robot of which A is taken: a base that is told how to move has no rows."""
+        return self.robot if self.base_is_free else replace(self.robot, moving_base=False)
+
+    def program(self, results, base_acceleration=None, guarded=False):
+        if self.base_is_free and base_acceleration is not None:
+            results["base_acceleration"] = base_acceleration + self.gravity_screw
+        if guarded:
+            results.update(self.guards)
+        return program_of(self.trace, self.name, {key: len(value) for key, value in self.inputs.items()}, results)
+
+
+def prepared(robot, gather=True):
+    """(robot, shifts): the same robot as the recursions make the smallest program of, at positions q + shifts.
+
+    Frames with the fewest numbers; constant angles about z_j added to the joint's own, but for right angles, whose
+    sines and cosines are known; base inertial parameters, where `gather`.
+    """
+    robot = minimal_frames(robot)
+    if gather:
+        robot = gathered(robot)
+    shifts, joints = np.zeros(len(robot.joints)), []
+    for number, joint in enumerate(robot.joints):
+        theta = rows_of(joint.placement)[-1].theta
+        if not joint.prismatic and 0.0 not in cosine_sine(theta):
+            shifts[number] = theta
+            joint = replace(joint, placement=joint.placement @ placement_of(Row(theta=-theta)))
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints)), shifts

@@ -1,0 +1,62 @@
+"""From what is asked of Dynamics to the arguments of a program, and from its results to the answer."""
+
+import numpy as np
+
+from robot_dynamics.answer import SINGULAR
+from robot_dynamics.question import base_state, finite
+from robot_dynamics.symbolic.models import ARGUMENTS_OF_BASE
+
+
+def program_key(model, robot, base, wrenches):
+    """What CompiledModels knows the program by that answers a question."""
+    if model not in ("inverse", "direct"):
+        return (model,)
+    told = robot.moving_base and getattr(base, "acceleration", None) is not None
+    solves = model == "direct" or (robot.moving_base and not told) or any(not joint.actuated for joint in robot.joints)
+    return model, tuple(wrenches), told, solves
+
+
+def of_base(model, robot, question, base):
+    """The arguments (..., 6) and (..., 3) that a model has of the base: twist, gravity, acceleration. Checked."""
+    if question is None:
+        return []
+    state = base_state(robot, base)
+    if not robot.moving_base:
+        return []
+    values = {"twist": state.twist, "gravity": state.gravity}
+    arguments = [values[name] for name in ARGUMENTS_OF_BASE[model]]
+    if model in ("inverse", "direct") and state.acceleration is not None:
+        arguments.append(state.true_acceleration(state.acceleration))
+    return arguments
+
+
+def checked_wrenches(robot, wrenches):
+    """The arrays (..., 6) of external wrenches, in their order."""
+    return [finite(f"external wrench on {name!r}", wrench, 6, "force and torque components")
+            for name, wrench in wrenches.items()]  # fmt: skip
+
+
+def run_program(program, arguments, batch):
+    """The first result (*batch, ...) of a program, None where it is not finite or the state is singular."""
+    if batch == ():
+        results = program.evaluate(*(np.ascontiguousarray(argument) for argument in arguments))
+    else:
+        samples = int(np.prod(batch))
+        if not samples:
+            return None
+        results = program.batch(*(_rows(argument, batch, samples) for argument in arguments))
+    results = results if isinstance(results, tuple) else (results,)
+    outputs = [output.name for output in program.program.outputs]
+    if not np.isfinite(results[0]).all():
+        return None
+    if outputs[-1] == "diagonal" and not (results[-2] > SINGULAR * np.abs(results[-1])).all():
+        return None
+    return results[0].reshape(*batch, *program.program.outputs[0].shape)
+
+
+def _rows(argument, batch, samples):
+    """(samples, size), or (size,) where all samples have the same."""
+    if argument.ndim == 1:
+        return argument
+    size = argument.shape[-1]
+    return np.ascontiguousarray(np.broadcast_to(argument, (*batch, size))).reshape(samples, size)
