@@ -5,7 +5,7 @@ from math import inf
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 from hypothesis import strategies as st
 from peers.pinocchio_model import PinocchioModel
 from peers.random_robots import random_urdf
@@ -158,7 +158,10 @@ entries = st.one_of(st.floats(-10, 10), st.floats(-10, 10), special)
 @settings(max_examples=60, deadline=None)
 @given(instructions, st.lists(st.lists(entries, min_size=8, max_size=8), min_size=1, max_size=11), st.floats(0.5, 3))
 def test_random_programs(instructions, samples, mass):
-    program = random_program(instructions)
+    try:
+        program = random_program(instructions)
+    except (ZeroDivisionError, ValueError):  # a constant that is not recorded
+        reject()
     parameters = {name: {"mass": mass, "length": -0.7}[name] for name in program.parameters}
     try:
         made = compile_program(program, parameters)
