@@ -139,15 +139,16 @@ _literal = functools.partial(decimal, infinite="math.inf", undefined="math.nan")
 
 
 def _wrapped(text, indent):
-    """A statement whose right side is in brackets, in lines that are not too long."""
-    return textwrap.fill(
-        text,
+    """A statement with lists in brackets, in lines that are not too long: broken after commas, as Python allows."""
+    lines = textwrap.fill(
+        text.replace(" ", "\0").replace(",\0", ", "),
         WIDTH,
         initial_indent=indent,
         subsequent_indent=indent + "    ",
         break_long_words=False,
         break_on_hyphens=False,
     )
+    return lines.replace("\0", " ")
 
 
 def _list(texts):
