@@ -7,6 +7,7 @@ is that many times faster. Batches of Pinocchio are its own rneaInParallel and a
 import argparse
 import os
 import platform
+import re
 import sys
 import tempfile
 import time
@@ -37,6 +38,7 @@ class Case:
     """A robot here and in Pinocchio, at the same random states."""
 
     def __init__(self, urdf, samples, seed=0):
+        self.urdf = urdf
         self.robot = load_robot(urdf)
         self.dynamics = Dynamics(self.robot, compiled=False)
         self.model = pin.buildModelFromXML(urdf)
@@ -85,6 +87,20 @@ class Case:
             len(result),
         )
 
+    def other_peers(self):
+        """(what, ours, theirs, samples) beside MuJoCo and Drake, where their wheels are installed: one inverse call."""
+        program, out = self.dynamics.compile("inverse"), np.empty(len(self.order))
+        q, qd, qdd = (np.ascontiguousarray(state[0]) for state in self.states)
+        expected = program.evaluate(q, qd, qdd)
+        for name, make in (("MuJoCo", mujoco_inverse), ("Drake", drake_inverse)):
+            try:
+                theirs = make(self.urdf, q, qd, qdd)
+            except ImportError:
+                continue
+            found = theirs() + self.dynamics.friction(qd)
+            assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max(), f"{name} differs"
+            yield f"inverse, out=, beside {name}", lambda: program.evaluate(q, qd, qdd, out), theirs, 1
+
     def fallback(self):
         """(what, exec'd Python, NumPy recursion, samples)."""
         function = python_function(MODELS["inverse"](self.robot))
@@ -96,6 +112,45 @@ class Case:
             lambda: self.dynamics.inverse(*arrays),
             1,
         )
+
+
+def without_friction(urdf):
+    """The URDF with joints that lose nothing, as each peer counts friction in its own way."""
+    return re.sub(r"<dynamics[^>]*/>", "", urdf)
+
+
+def mujoco_inverse(urdf, q, qd, qdd):
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_string(without_friction(urdf))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT | mujoco.mjtDisableBit.mjDSBL_CONTACT
+    data = mujoco.MjData(model)
+
+    def call():
+        data.qpos[:], data.qvel[:], data.qacc[:] = q, qd, qdd
+        mujoco.mj_inverse(model, data)
+        return data.qfrc_inverse
+
+    return call
+
+
+def drake_inverse(urdf, q, qd, qdd):
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import MultibodyPlant
+    from pydrake.multibody.tree import MultibodyForces
+
+    plant = MultibodyPlant(0.0)
+    (model,) = Parser(plant).AddModelsFromString(without_friction(urdf), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.get_body(plant.GetBodyIndices(model)[0]).body_frame())
+    plant.Finalize()
+    context, forces, state = plant.CreateDefaultContext(), MultibodyForces(plant), np.r_[q, qd]
+
+    def call():
+        plant.SetPositionsAndVelocities(context, state)
+        plant.CalcForceElementsContribution(context, forces)
+        return plant.CalcInverseDynamics(context, qdd, forces)
+
+    return call
 
 
 def first_use(urdf, model):
@@ -125,7 +180,7 @@ def main():
     parser.add_argument("--batch", type=int, default=100_000)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     options = parser.parse_args()
-    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin")))
+    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco", "drake")))
     print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
     Dynamics(load_robot("ur5e")).compile("gravity")  # the import of llvmlite is not what is measured
     print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
@@ -136,7 +191,8 @@ def main():
     print(f"\n{'':<48} {'ours':>12} {'the other':>12} {'ratio':>8}")
     for name in options.robots:
         case = Case(ROBOTS[name](), options.batch)
-        for what, ours, theirs, samples in [*case.calls("inverse"), *case.calls("direct"), *case.fallback()]:
+        others = [] if name.startswith("talos") else case.other_peers()
+        for what, ours, theirs, samples in [*case.calls("inverse"), *case.calls("direct"), *case.fallback(), *others]:
             mine, other, ratio = side_by_side(ours, theirs, options.rounds)
             told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
             print(f"{f'{name}: {what}':<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}")

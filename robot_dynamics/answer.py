@@ -62,13 +62,17 @@ def refuse_singular(pivot, scale, name):
         )
 
 
-def refuse_unbalanced(unbalance):
-    unbalance = np.atleast_1d(unbalance)
-    if not np.isfinite(unbalance).all():
+def refuse_unbalanced(balance, names):
+    """Raise SingularModelError where a Balance of the joints `names` has forces left."""
+    left, scale = np.broadcast_arrays(np.atleast_2d(balance.left), np.atleast_2d(balance.scale))
+    if not (np.isfinite(left).all() and np.isfinite(scale).all()):
         _overflow()
-    if not np.all(unbalance < UNBALANCED):
-        sample = int(np.argmax(unbalance.ravel() >= UNBALANCED))
+    share = (np.abs(left) / np.where(scale > 0, scale, 1.0)).reshape(-1, len(names))
+    if not (share < UNBALANCED).all():
+        sample, joint = (int(number) for number in np.argwhere(share >= UNBALANCED)[0])
+        force = left.reshape(-1, len(names))[sample, joint]
         raise SingularModelError(
-            f"no equilibrium was found from the positions of sample {sample}: {unbalance.ravel()[sample]:.1%} of the "
-            "forces are left over. Give other positions of the joints without motor to begin with, or stiffer springs"
+            f"no equilibrium was found from the positions of sample {sample}: {force:.3g} (N m "
+            f"or N) are left over at joint {names[joint]!r}. Give other positions of the joints without motor to begin "
+            "with, or stiffer springs"
         )

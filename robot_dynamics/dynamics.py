@@ -229,10 +229,9 @@ class Dynamics:
         q = self._joints("positions", q)
         with np.errstate(all="ignore"):
             if len(self._undriven):
-                q, stable, unbalance = balance(
-                    self.robot, self._S, self._offset, self._undriven, q, acceleration, state.wrenches
-                )
-                refuse_unbalanced(unbalance)
+                found = balance(self.robot, self._S, self._offset, self._undriven, q, acceleration, state.wrenches)
+                refuse_unbalanced(found, self.undriven_joint_names)
+                q, stable = found.q, found.stable
             everyone = q @ self._S.T + self._offset
             rest = np.zeros_like(everyone)
             sweep = sweep_forward(self.robot, everyone, rest, np.zeros(6), state.wrenches)

@@ -283,10 +283,62 @@ def test_what_cannot_be_balanced_is_refused():
     frames = (Frame("ground", 0, np.eye(4)), Frame("mass", 1, np.eye(4)))
     links = (Link("ground", Inertia()), Link("mass", Inertia(1.0)))
     dynamics = Dynamics(Robot("falling", links, (slides,), frames))
-    with pytest.raises(SingularModelError, match="no equilibrium was found from the positions of sample 0: 100"):
+    with pytest.raises(SingularModelError, match=r"positions of sample 0: 9.81 .* are left over at joint 'slide'"):
         dynamics.equilibrium([0.0])
     np.testing.assert_allclose(dynamics.inverse([0.0], [0.0], [0.0]), [0])
     np.testing.assert_allclose(dynamics.direct([0.0], [0.0], [0.0]), [-9.81])
+
+
+def chain(*links):
+    """A chain of links, each {name of a Joint's field: value} and its inertia, placed as told."""
+    made, joints, frames = [Link("ground", Inertia())], [], [Frame("ground", 0, np.eye(4))]
+    for k, (inertia, fields) in enumerate(links, start=1):
+        placed = fields.pop("placed", np.eye(4))
+        joints.append(Joint(f"joint_{k}", k - 1, fields.pop("prismatic", False), placed, **fields))
+        made.append(Link(f"link_{k}", inertia))
+        frames.append(Frame(f"link_{k}", k, np.eye(4)))
+    return Robot("chain", tuple(made), tuple(joints), tuple(frames), gravity=(0, -9.81, 0))
+
+
+UP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # z up along y
+
+
+@pytest.mark.parametrize(("stiffness", "mass"), [(1e8, 1.0), (1e7, 0.1), (1e6, 0.01)])
+def test_soft_joint_beside_a_very_stiff_one_finds_its_rest(stiffness, mass):
+    """A pendulum on a stiff spring: it hangs, and the spring gives by its weight."""
+    rod = Inertia(mass, [0.1 * mass, 0, 0], np.diag([0, 0.01, 0.01]) * mass)
+    slide = {"prismatic": True, "actuated": False, "spring": Spring(stiffness), "placed": UP}
+    robot = chain((Inertia(), slide), (rod, {"actuated": False, "placed": np.linalg.inv(UP)}))
+    found = Dynamics(robot).equilibrium([0, -1.2])
+    np.testing.assert_allclose(found.positions, [-9.81 * mass / stiffness, -np.pi / 2], rtol=1e-9)
+    assert found.stable
+
+
+def test_light_mass_that_falls_beside_a_heavy_one_is_no_equilibrium_in_any_sample_of_a_batch():
+    fall = {"prismatic": True, "actuated": False, "placed": UP}
+    heavy, light = Inertia(1e6, [0, 0, 0], np.eye(3)), Inertia(1e-3)
+    dynamics = Dynamics(chain((heavy, {}), (light, fall)))
+    with pytest.raises(SingularModelError, match=r"sample 0: 0.00981 .* joint 'joint_2'"):
+        dynamics.equilibrium([0, 0])
+    level = {"prismatic": True, "actuated": False}  # along z it may rest anywhere: neutral
+    found = Dynamics(chain((heavy, {}), (light, level))).equilibrium([0, 0.3])
+    assert found.positions[1] == 0.3 and not found.stable
+    turned = [[0, 0.1], [0, 0.2], [np.pi / 2, 0.1]]  # the slide is level where joint 1 is at a right angle
+    with pytest.raises(SingularModelError, match="sample 0"):
+        dynamics.equilibrium(turned)
+    with pytest.raises(SingularModelError, match="sample 2"):
+        dynamics.equilibrium([[np.pi / 2, 0.1], [np.pi / 2, 0.2], [0, 0.1]])
+
+
+def test_wrench_that_overflows_is_refused():
+    dynamics = Dynamics(planar_arm((0, -9.81, 0)))
+    with pytest.raises(QuestionError, match="is no finite number"):
+        dynamics.equilibrium([0, 0], external_wrenches={"link_2": [0, 0, 0, 0, 0, 1e155]})
+
+
+def test_slide_on_a_soft_spring_goes_as_far_as_it_takes():
+    far = {"prismatic": True, "actuated": False, "spring": Spring(1000.0, rest=100.0)}
+    np.testing.assert_allclose(Dynamics(chain((Inertia(1.0), far))).equilibrium([0.0]).positions, [100], rtol=1e-12)
 
 
 def test_terms_add_up_to_the_efforts():

@@ -11,6 +11,7 @@ from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_o
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats import par_writer, urdf_writer
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.library import read_file
 from robot_dynamics.model.mdh_table import table
 
 NAME = "convert"
@@ -20,7 +21,10 @@ WRITERS = {
     ".urdf": lambda robot, lossy: urdf_writer.write_urdf(robot, lossy=lossy),
     ".par": lambda robot, lossy: par_writer.write_par(robot, lossy=lossy),
 }
-LOSSES = {".urdf": urdf_writer.losses, ".par": par_writer.losses}
+LOSSES = {
+    ".urdf": urdf_writer.losses,
+    ".par": lambda robot: [*par_writer.losses(robot), *par_writer.standing_base(robot)],
+}
 
 
 def add_arguments(parser):
@@ -33,14 +37,16 @@ def run(told):
     target = Path(told.target)
     if target.suffix not in WRITERS:
         raise DescriptionError(f"{target}: the ending says the format, {', '.join(WRITERS)} are known")
-    if target.exists() and Path(told.robot).exists() and target.samefile(told.robot):
-        raise DescriptionError(f"{target} is the description itself: write to another file")
     robot = robot_of(told)
     text = WRITERS[target.suffix](robot, told.lossy)
     try:
+        for read in (read_file(told.robot)[1], told.values):
+            if read is not None and target.exists() and target.samefile(read):
+                raise DescriptionError(f"{target} is what was read: write to another file")
         target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise DescriptionError(f"{target} cannot be written: {error.strerror}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"{str(target)[:200]} cannot be written: {reason}") from None
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
     for sentence in LOSSES.get(target.suffix, lambda robot: [])(robot):
         print(f"left out: {sentence}", file=sys.stderr)

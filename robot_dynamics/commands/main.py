@@ -24,13 +24,21 @@ def main(arguments=None):
         verb.add_arguments(verb_parser)
         verb_parser.set_defaults(run=verb.run)
     told = parser.parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
     try:
         told.run(told)
+        sys.stdout.flush()
     except RobotDynamicsError as error:
         print(f"robot-dynamics {told.verb}: {error}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of our output, a pager or head, has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except OSError as error:  # a full disk behind a redirection
+        print(f"robot-dynamics {told.verb}: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return 0

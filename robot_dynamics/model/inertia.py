@@ -19,6 +19,21 @@ def skew(vector):
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+# where the entries of a symmetric matrix stand, in the order in which they are always told
+MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+
+
+def symmetric(xx, xy, xz, yy, yz, zz):
+    """Symmetric matrices (..., 3, 3) of their entries (...)."""
+    entries = np.broadcast_arrays(xx, xy, xz, xy, yy, yz, xz, yz, zz)
+    return np.stack(entries, axis=-1).reshape(*entries[0].shape, 3, 3)
+
+
+def symmetric_entries(matrix):
+    """xx, xy, xz, yy, yz, zz of symmetric matrices (..., 3, 3)."""
+    return tuple(matrix[..., row, column] for row, column in MOMENTS.values())
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia:
     """The ten standard inertial parameters of a body, about the origin of its frame and along its axes.

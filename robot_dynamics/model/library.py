@@ -2,6 +2,7 @@
 
 import logging
 import re
+from collections.abc import Mapping
 from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError, unknown_name
@@ -46,6 +47,8 @@ def read_robot(text, *, source, values=None, moving_base=None, gravity=None):
     source: what to call the text in errors; the rest as for `load_robot`. Raises DescriptionError.
     """
     settings = {"source": source, "moving_base": moving_base, "gravity": gravity}
+    if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
+        raise DescriptionError(f"{source}: values are {values!r:.60}: {{name: number or expression}} is needed")
     if is_urdf(text):
         if values:
             raise DescriptionError(f"{source}: values of {', '.join(values)} are given, but a URDF leaves no name open")

@@ -16,7 +16,8 @@ from robot_dynamics.model.robot import Link
 
 
 def minimal_frames(robot):
-    """The same robot in frames with γ = b = 0 for the first link on every link but the base.
+    """The same robot in frames with γ = b = 0 for the first link on every link but the base, where the axes of the two
+    are parallel or clearly not.
 
     Joint variables, inertias, reactions and the named frames stay what and where they are; joint placements and the
     inertias' numbers change with the frames.

@@ -138,6 +138,7 @@ class Robot:
         for frame in self.frames:
             if not 0 <= frame.link < len(self.links):
                 raise DescriptionError(f"frame {frame.name!r} is on link {frame.link}, of 0 to {len(self.links) - 1}")
+            _check_placement(f"frame {frame.name!r}", frame.placement)
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
                 raise DescriptionError(f"frame {link.name!r} is on another link than the one of its name")
@@ -210,8 +211,8 @@ class Robot:
         The inertia of a base that does not move counts nowhere and is not judged; of a link that turns about an axis
         of such a base tables give what counts, the moment about this axis alone.
         """
-        first = 0 if self.moving_base else 1
-        judged = [link for number, link in enumerate(self.links[first:], first) if number not in self._known_by_moment]
+        first, told_by_moment = (0 if self.moving_base else 1), self._known_by_moment
+        judged = [link for number, link in enumerate(self.links[first:], first) if number not in told_by_moment]
         found = [f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.objections()]
         if self.moving_base and not any(link.inertia.mass for link in self.links):
             found.append("the moving base and all that it carries have no mass, so no model has an answer")
@@ -291,8 +292,27 @@ def _doubtful_limits(joint):
     return []
 
 
+def _check_placement(owner, placement):
+    """Refuse what is no homogeneous matrix of a rotation and a translation; symbols have no value yet."""
+    matrix = np.asarray(placement)
+    if matrix.shape != (4, 4):
+        raise DescriptionError(f"{owner}: its placement has shape {matrix.shape}: a matrix (4, 4) is needed")
+    if matrix.dtype == object:
+        return
+    R = matrix[:3, :3]
+    if not np.isfinite(matrix).all():
+        raise DescriptionError(f"{owner}: placement is not finite")
+    if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0 or (matrix[3] != (0, 0, 0, 1)).any():
+        raise DescriptionError(f"{owner}: its placement is no matrix [rotation, position; 0, 0, 0, 1]")
+
+
 def check_joint(number, joint):
     """Refuse a joint that moves link `number` but could not."""
+    _check_placement(f"joint {joint.name!r}", joint.placement)
+    limits = vars(joint.limits)
+    if np.isnan([*limits.values()]).any() or np.inf == joint.limits.lower or -np.inf in list(limits.values())[1:]:
+        told = ", ".join(f"{key} {value:g}" for key, value in limits.items())
+        raise DescriptionError(f"joint {joint.name!r}: limits {told} mean nothing. No limit is -inf below, inf else")
     if not 0 <= joint.antecedent < number:
         raise DescriptionError(
             f"joint {joint.name!r} moves link {number} but hangs on link {joint.antecedent}: "
@@ -302,7 +322,6 @@ def check_joint(number, joint):
         raise DescriptionError(f"joint {joint.name!r} follows another one: whether it has a motor is said of that one")
     mimic, spring = joint.mimic or Mimic(""), joint.spring or Spring(0.0)
     numbers = {
-        "placement": joint.placement,
         "rotor_inertia": joint.rotor_inertia,
         "viscous_friction": joint.viscous_friction,
         "coulomb_friction": joint.coulomb_friction,

@@ -6,6 +6,7 @@ composite body of j then moves about or along z_j, and its wrench is handed down
 
 import numpy as np
 
+from robot_dynamics.model.inertia import symmetric, symmetric_entries
 from robot_dynamics.newton_euler.kinematics import axis_row, place
 from robot_dynamics.newton_euler.screw import apply, cross, screw
 
@@ -88,17 +89,6 @@ def _shift(mass, first, P):
 
 def _times(mass, P):
     return np.expand_dims(mass, -1) * P if np.ndim(mass) else mass * P
-
-
-def symmetric_entries(J):
-    """xx, xy, xz, yy, yz, zz of symmetric matrices (..., 3, 3)."""
-    return (J[..., 0, 0], J[..., 0, 1], J[..., 0, 2], J[..., 1, 1], J[..., 1, 2], J[..., 2, 2])
-
-
-def symmetric(xx, xy, xz, yy, yz, zz):
-    """Symmetric matrices (..., 3, 3) of their entries (...)."""
-    entries = np.broadcast_arrays(xx, xy, xz, xy, yy, yz, xz, yz, zz)
-    return np.stack(entries, axis=-1).reshape(*entries[0].shape, 3, 3)
 
 
 def mirrored(matrix):

@@ -3,7 +3,8 @@
 With Γ_f the forces at these joints that the inverse model asks for at rest, f(q_f) = Γ_f(q_f) + k (q_f - q₀) is what is
 out of balance, and K its derivative, the stiffness that a small displacement meets. From the positions that are given
 the joints move as if through thick oil, always downhill: steps -(K + μ 1)⁻¹ f, with μ as large as it takes to make the
-matrix positive definite, none longer than LONGEST_STEP and none beyond the balance along its way. Near a stable
+matrix positive definite, none longer than LONGEST_TURN and none beyond the balance along its way. Joints are measured
+by their own stiffness, so that a soft one beside a stiff one counts. Near a stable
 equilibrium μ is zero, and the steps are Newton's. Where they stand in balance from the start they stay, stable or not.
 """
 
@@ -16,19 +17,25 @@ from robot_dynamics.newton_euler.walker_orin import bias
 
 ITERATIONS = 300
 HALVINGS = 30
-LONGEST_STEP = 0.2  # [rad or m]
+LONGEST_TURN, LONGEST_SLIDE = (
+    0.2,
+    5.0,
+)  # of one step [rad], [m]: gravity along a slide does not change, about an axis it does
 DISPLACEMENT = 1e-6  # [rad or m] for the derivative by central differences
-NEUTRAL = 1e-9  # a stiffness below this part of the largest is none
+SOFTEST = 1e-6  # stiffness against all joints together, as a part of their own, that is taken for a valley
+NEUTRAL = 1e-9  # and below which there is none
 AT_REST = 1e-14  # nothing moves for less than this part of the weights, wrenches and springs
 
 
 class Balance(NamedTuple):
-    """q: (..., m) positions of the independent joints; stable: (...); unbalance: (...), the largest force that is left
-    at a joint without motor, as a part of the weights, the wrenches and the springs' forces at 1 rad or m."""
+    """q: (..., m) positions of the independent joints; stable: (...), for loads that have a potential: wrenches, which
+    turn with their links, may excite what this calls stable; left: (..., free) the forces that are left at the joints
+    without motor, and scale: (..., free), the weights, wrenches and springs' forces at 1 rad or m to compare with."""
 
     q: np.ndarray
     stable: np.ndarray
-    unbalance: np.ndarray
+    left: np.ndarray
+    scale: np.ndarray
 
 
 def balance(robot, S, offset, free, q, base_acceleration, external_wrenches):
@@ -54,30 +61,37 @@ def balance(robot, S, offset, free, q, base_acceleration, external_wrenches):
     left = forces(found)
     found = np.array(np.broadcast_to(found, left.shape))  # the batch of base and wrenches too
     scale = _scale(robot, S[:, free], base_acceleration, external_wrenches)
+    slides = np.array([all(robot.joints[row].prismatic for row in np.flatnonzero(S[:, k])) for k in free])
+    longest = np.where(slides, LONGEST_SLIDE, LONGEST_TURN)
     for _ in range(ITERATIONS):
         if not np.isfinite(left).all():
-            return Balance(independent(found), np.False_, np.max(left))
+            return Balance(independent(found), np.False_, left, scale)
         before = found
         rests = (np.abs(left) <= AT_REST * scale).all(axis=-1)
-        found, left = _moved(forces, found, left, _stiffness(forces, found), rests)
+        found, left = _moved(forces, found, left, _stiffness(forces, found), rests, longest)
         if np.all(np.abs(found - before) <= 1e-15 * (1 + np.abs(found))):
             break
-    K = _stiffness(forces, found)
-    smallest = np.linalg.eigvalsh((K + np.swapaxes(K, -1, -2)) / 2).min(axis=-1)
-    return Balance(
-        independent(found),
-        smallest > NEUTRAL * np.abs(K).max(axis=(-2, -1)),
-        (np.abs(left) / np.where(scale > 0, scale, 1.0)).max(axis=-1),
-    )
+    _, scaled = _by_own_stiffness(_stiffness(forces, found))
+    smallest = np.linalg.eigvalsh((scaled + np.swapaxes(scaled, -1, -2)) / 2).min(axis=-1)
+    return Balance(independent(found), smallest > NEUTRAL, left, scale)
 
 
 def _scale(robot, S, base_acceleration, external_wrenches):
     """(..., free) what is to balance: weights, wrenches, and the force of the joint's own springs at 1 rad or m."""
     stiffness = np.array([joint.spring.stiffness if joint.spring else 0.0 for joint in robot.joints])
-    mass = sum(link.inertia.mass for link in robot.links[1:])
-    outside = mass * np.linalg.norm(base_acceleration, axis=-1, keepdims=True)
+    masses = np.array([link.inertia.mass for link in robot.links])
+    for number in range(len(robot.joints), 0, -1):  # what hangs on each joint
+        masses[robot.joints[number - 1].antecedent] += masses[number]
+    outside = (masses[1:] @ np.abs(S)) * np.linalg.norm(base_acceleration, axis=-1, keepdims=True)
     outside = outside + sum(np.linalg.norm(wrench, axis=-1, keepdims=True) for wrench in external_wrenches.values())
     return outside + stiffness @ (S * S)
+
+
+def _by_own_stiffness(K):
+    """(s, s K s): 1/√|K_ii| of each joint (..., free), one where there is none, and K in these measures."""
+    own = np.abs(np.diagonal(K, axis1=-2, axis2=-1))
+    s = 1 / np.sqrt(np.where(own > 1e-12 * own.max(axis=-1, keepdims=True), own, 1.0))
+    return s, s[..., :, None] * K * s[..., None, :]
 
 
 def _stiffness(forces, found):
@@ -88,17 +102,14 @@ def _stiffness(forces, found):
     return np.moveaxis(columns, 0, -1)
 
 
-def _moved(forces, found, left, K, rests):
+def _moved(forces, found, left, K, rests, longest):
     """(positions, forces left) after one step downhill in each sample; none where it `rests` or where none helps."""
-    symmetric = (K + np.swapaxes(K, -1, -2)) / 2
-    smallest = np.linalg.eigvalsh(symmetric).min(axis=-1)
-    largest = np.abs(K).max(axis=(-2, -1))
-    softest = np.maximum(1e-6 * largest, 1e-12 * np.abs(left).max(axis=-1)) + 1e-300
-    damping = np.maximum(0.0, softest - smallest) + np.where(smallest < softest, np.abs(smallest), 0.0)
+    s, K = _by_own_stiffness(K)
+    smallest = np.linalg.eigvalsh((K + np.swapaxes(K, -1, -2)) / 2).min(axis=-1)
+    damping = np.where(smallest < SOFTEST, SOFTEST - smallest + np.abs(smallest), 0.0)
     matrix = K + damping[..., None, None] * np.eye(K.shape[-1])
-    step = -np.linalg.solve(matrix, left[..., None])[..., 0]
-    longest = np.abs(step).max(axis=-1, keepdims=True)
-    step = step * np.minimum(1.0, LONGEST_STEP / np.maximum(longest, 1e-300))
+    step = -s * np.linalg.solve(matrix, (s * left)[..., None])[..., 0]
+    step = step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True))
     downhill = -(left * step).sum(axis=-1, keepdims=True)
     share = np.ones((*step.shape[:-1], 1))
     for _ in range(HALVINGS):

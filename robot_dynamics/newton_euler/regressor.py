@@ -7,6 +7,7 @@ parameter 1 and the others 0 demands is handed down to the base.
 
 import numpy as np
 
+from robot_dynamics.model.inertia import MOMENTS, symmetric_entries
 from robot_dynamics.newton_euler.augmented import link_motions, turning_moment
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import axis_row
@@ -14,7 +15,6 @@ from robot_dynamics.newton_euler.screw import apply, cross, screw
 
 BODY = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 DRIVE = ("Ia", "Fv", "Fs")
-_MOMENTS = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
 
 
 def parameter_names(robot):
@@ -31,8 +31,7 @@ def parameters(robot):
     for number, link in enumerate(robot.links):
         if number > 0 or robot.moving_base:
             inertia = link.inertia
-            moments = [inertia.second_moments[index] for index in _MOMENTS.values()]
-            values += [*moments, *inertia.first_moments, inertia.mass]
+            values += [*symmetric_entries(inertia.second_moments), *inertia.first_moments, inertia.mass]
         if number > 0:
             joint = robot.joints[number - 1]
             values += [joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction]
@@ -67,7 +66,7 @@ def regressor(robot, q, qd, qdd, base_twist, base_acceleration):
 def _unit_wrenches(motion):
     """What a link that moves like this demands for each of BODY (..., 6), in its frame."""
     nothing = 0 * motion.alpha
-    for row, column in _MOMENTS.values():
+    for row, column in MOMENTS.values():
         K = np.zeros((3, 3), dtype=int)
         K[row, column] = K[column, row] = 1
         yield screw(nothing, turning_moment(K, motion))

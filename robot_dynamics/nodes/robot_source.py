@@ -9,7 +9,7 @@ from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError
-from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.library import read_file, read_robot
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -161,6 +161,8 @@ class RobotSource:
 
 def typed(name, value):
     """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
+    if name == "gravity" and np.size(value) == 0:
+        value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
     if isinstance(default, str | bool):
         if isinstance(value, type(default)):
@@ -173,7 +175,8 @@ def typed(name, value):
         numbers = np.array(value, dtype=float)
     except (TypeError, ValueError):
         numbers = np.array("none")
-    if numbers.dtype.kind != "f" or isinstance(value, str | bool) or numbers.shape != np.shape(default):
+    texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list | tuple) else [value]))
+    if numbers.dtype.kind != "f" or texts or numbers.shape != np.shape(default):
         need = "a number is" if isinstance(default, float) else f"{size} numbers are"
         raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {PARAMETERS[name][1]}")
     return numbers.tolist()
@@ -181,10 +184,8 @@ def typed(name, value):
 
 def with_payload(robot, settings):
     """The robot with the payload that the parameters describe; where payload.link names no link nothing is carried."""
-    xx, xy, xz, yy, yz, zz = settings["payload.inertia"]
-    payload = Inertia(
-        settings["payload.mass"], settings["payload.first_moments"], [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    )
+    moments = symmetric(*settings["payload.inertia"])
+    payload = Inertia(settings["payload.mass"], settings["payload.first_moments"], moments)
     try:
         return robot.with_payload(settings["payload.link"], payload) if settings["payload.link"] else robot
     except QuestionError as error:

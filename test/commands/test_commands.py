@@ -172,7 +172,13 @@ def test_wrong_arguments_are_refused_by_name(tmp_path, capsys):
     assert ".yaml, .yml, .urdf, .par are known" in refused(["convert", "panda", tmp_path / "a.txt"], capsys)
     assert "cannot be written" in refused(["convert", "panda", tmp_path / "nowhere" / "a.yaml"], capsys)
     (tmp_path / "a.yaml").write_text(LENGTHS)
-    assert "is the description itself" in refused(["convert", tmp_path / "a.yaml", tmp_path / "a.yaml"], capsys)
+    assert "is what was read" in refused(["convert", tmp_path / "a.yaml", tmp_path / "a.yaml"], capsys)
+    assert "is what was read" in refused(["convert", "rx90", shipped_robots()["rx90"]], capsys)
+    (tmp_path / "v.yaml").write_text("a: 2\n")
+    arguments = ["convert", tmp_path / "a.yaml", tmp_path / "v.yaml", "--values", tmp_path / "v.yaml"]
+    assert "is what was read" in refused(arguments, capsys)
+    assert "cannot be written" in refused(["convert", "panda", tmp_path / f"{'x' * 300}.yaml"], capsys)
+    assert "cannot be written" in refused(["convert", "panda", "a\0b.yaml"], capsys)
     with pytest.raises(SystemExit):
         main([])
     assert "VERB" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """The robot as data: lumping, frames, inertias that cannot be, joints that depend on others, payloads."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from peers.random_robots import random_urdf
 from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, SingularModelError, load_robot
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
-from robot_dynamics.model.robot import Frame, Mimic
+from robot_dynamics.model.robot import Frame, Limits, Mimic
 
 
 def arm(tip="", joint="", between=""):
@@ -247,6 +248,34 @@ def test_payload_is_the_same_as_a_link_welded_there():
 def test_impossible_payload_is_refused(link, payload, reason):
     with pytest.raises(QuestionError, match=reason):
         read_urdf(arm()).with_payload(link, payload)
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"limits": Limits(upper=np.nan)}, "limits lower -inf, upper nan"),
+        ({"limits": Limits(lower=np.inf)}, "mean nothing"),
+        ({"limits": Limits(velocity=-np.inf)}, "mean nothing"),
+        ({"placement": np.eye(3)}, r"its placement has shape \(3, 3\)"),
+        ({"placement": np.diag([2.0, 1, 1, 1])}, "its placement is no matrix"),
+        ({"placement": np.diag([-1.0, 1, 1, 1])}, "its placement is no matrix"),
+    ],
+)
+def test_joint_that_means_nothing_is_refused(fields, reason):
+    robot = load_robot("ur5e")
+    joints = (replace(robot.joints[0], **fields), *robot.joints[1:])
+    with pytest.raises(DescriptionError, match=reason):
+        replace(robot, joints=joints)
+
+
+def test_thousands_of_joints_are_judged_in_a_moment():
+    """Not once for each pair: a table of 2000 rows loads, and its warnings come, in seconds."""
+    rows = "".join(
+        f"  - {{joint: j{k}, link: l{k}, mdh: {{d: 0.1}}, mass: 1, inertia: {{zz: 1}}}}\n" for k in range(2000)
+    )
+    start = time.monotonic()
+    assert len(load_robot(f"robot: long\njoints:\n{rows}").warnings) > 0
+    assert time.monotonic() - start < 60
 
 
 def test_robot_put_together_wrongly_is_refused():

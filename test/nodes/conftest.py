@@ -71,4 +71,4 @@ def panda(start_module_server):
 @pytest.fixture(scope="module")
 def library():
     """The same robot without ROS."""
-    return Dynamics(load_robot("panda"))
+    return Dynamics(load_robot("panda"), compiled=False)

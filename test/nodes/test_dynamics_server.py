@@ -121,7 +121,7 @@ def test_reactions_name_the_link_and_the_point(caller, panda, library):
 
 def test_moving_base_answers_as_the_library(caller, start_server):
     server = start_server({"robot_file": "free_flying_arm"})
-    library = Dynamics(load_robot("free_flying_arm"))
+    library = Dynamics(load_robot("free_flying_arm"), compiled=False)
     joints = list(library.joint_names)
     q, qd, qdd = motion(3, len(joints))
     rng = np.random.default_rng(1)
@@ -161,7 +161,7 @@ def test_moving_base_answers_as_the_library(caller, start_server):
 def test_base_and_gravity_parameters_are_heard(caller, start_server):
     urdf = real_urdf("borinot")
     server = start_server({"robot_description": urdf, "base": "fixed", "gravity": [0.0, 3.0, 0.0]})
-    library = Dynamics(load_robot(urdf, moving_base=False, gravity=(0, 3, 0)))
+    library = Dynamics(load_robot(urdf, moving_base=False, gravity=(0, 3, 0)), compiled=False)
     q, qd, qdd = motion(2, len(library.joint_names))
     answer = ask(caller, server, inverse_request(library.joint_names, q, qd, qdd))
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), library.inverse(q, qd, qdd))
@@ -173,7 +173,7 @@ def test_base_and_gravity_parameters_are_heard(caller, start_server):
 
 def test_mimic_joints_may_be_left_out_and_are_appended(caller, start_server):
     urdf = real_urdf("panda")
-    server, library = start_server({"robot_description": urdf}), Dynamics(load_robot(urdf))
+    server, library = start_server({"robot_description": urdf}), Dynamics(load_robot(urdf), compiled=False)
     joints, follower = list(library.joint_names), "panda_finger_joint2"
     q, qd, qdd = motion(2, 8)
     answer = ask(caller, server, inverse_request(joints, q, qd, qdd, reaction_wrenches=True))
@@ -210,7 +210,7 @@ def test_payload_changed_while_running_shows_in_the_next_answer(caller, start_se
     np.testing.assert_array_equal(field(ask(caller, server, request).trajectory, "effort"), library.inverse(q, qd, qdd))
     assert caller.set_parameters(server, {"payload.link": "panda_link8"}).successful
     tensor = [[0.03, 0.001, 0.0], [0.001, 0.04, -0.002], [0.0, -0.002, 0.01]]
-    loaded = Dynamics(library.robot.with_payload("panda_link8", Inertia(2.0, [0.02, 0.0, 0.2], tensor)))
+    loaded = Dynamics(library.robot.with_payload("panda_link8", Inertia(2.0, [0.02, 0.0, 0.2], tensor)), compiled=False)
     efforts = field(ask(caller, server, request).trajectory, "effort")
     np.testing.assert_array_equal(efforts, loaded.inverse(q, qd, qdd))
     assert np.abs(efforts - library.inverse(q, qd, qdd)).max() > 1
@@ -223,7 +223,7 @@ def test_no_request_is_dropped_while_the_robot_is_reloaded(caller, start_server,
     q, qd, qdd = motion(1, 7)
     request = inverse_request(PANDA, q, qd, qdd)
     empty = library.inverse(q, qd, qdd)
-    heavy = Dynamics(load_robot("panda", gravity=(0, 0, -98.1))).inverse(q, qd, qdd)
+    heavy = Dynamics(load_robot("panda", gravity=(0, 0, -98.1)), compiled=False).inverse(q, qd, qdd)
     ask(caller, server, request)
     answers, faults, first, stop = [], [], threading.Event(), threading.Event()
 

@@ -21,11 +21,12 @@ from scipy.spatial.transform import Rotation
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
 
-FIXED = Dynamics(load_robot("manutec_r3"))
+FIXED = Dynamics(load_robot("manutec_r3"), compiled=False)
 # what stands on the ground has no mass in the table; free to move it must have some
 PEDESTAL = {"payload.link": "base", "payload.mass": 200.0, "payload.inertia": [20.0, 0.0, 0.0, 20.0, 0.0, 20.0]}
 MOVING = Dynamics(
-    load_robot("manutec_r3", moving_base=True).with_payload("base", Inertia(200.0, np.zeros(3), 20 * np.eye(3)))
+    load_robot("manutec_r3", moving_base=True).with_payload("base", Inertia(200.0, np.zeros(3), 20 * np.eye(3))),
+    compiled=False,
 )
 ORDER = np.random.default_rng(5).permutation(9)
 JOINTS = [FIXED.joint_names[k] for k in ORDER]
@@ -172,7 +173,7 @@ def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, st
         names = ["joint_1", "joint_2"]
     path = tmp_path / f"robot.{form}"
     path.write_text(text)
-    dynamics = Dynamics(load_robot(text))
+    dynamics = Dynamics(load_robot(text), compiled=False)
     q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 2, len(names)))
     server = start_server({"robot_description": text})
     for _ in range(2):
@@ -183,7 +184,7 @@ def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, st
     changed = caller.set_parameters(server, {"gravity": [0.0, 0.0, -1.62]})
     assert changed.successful, changed.reason
     answer = ask(caller, server, inverse_request(names, q, qd, qdd))
-    moon = Dynamics(load_robot(text, gravity=(0, 0, -1.62)))
+    moon = Dynamics(load_robot(text, gravity=(0, 0, -1.62)), compiled=False)
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), moon.inverse(q, qd, qdd))
     changed = caller.set_parameters(server, {"gravity": ""})
     assert changed.successful, changed.reason

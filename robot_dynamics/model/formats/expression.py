@@ -83,13 +83,18 @@ def evaluate(value, names=None):
     in radians. Raises DescriptionError where it has no finite real value, an unbound name included.
     """
     if isinstance(value, int | float) and not isinstance(value, bool):
-        return _finite(float(value) if abs(value) < 1e300 else math.inf, value)
-    names = CONSTANTS if names is None else {**CONSTANTS, **names}
+        try:
+            return _finite(float(value), value)
+        except OverflowError:
+            return _finite(math.inf, value)
+    names = names or {}
 
     def lookup(name):
-        if name not in names:
-            raise _Refused(unknown_name("name", name, names))
-        return names[name]
+        if name in names:
+            return names[name]
+        if name in CONSTANTS:
+            return CONSTANTS[name]
+        raise _Refused(unknown_name("name", name, [*names, *CONSTANTS]))
 
     return _finite(_parsed(value, lookup), value)
 
@@ -114,7 +119,7 @@ def number_text(number):
 def angle_text(angle):
     """As `number_text`, with pi where the angle is a multiple of π/12, to the last digit."""
     try:
-        parts = round(float(angle) / math.pi * 12)
+        parts = round(float(angle) / math.pi * 12) if abs(angle) < 1e6 else 1
     except TypeError:
         return number_text(angle)
     for divisor in (1, 2, 3, 4, 6, 12):

@@ -11,7 +11,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
-from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot, Spring, check_joint
@@ -64,11 +64,12 @@ class _Builder:
         self.links = [base.get("link", "base_link")]
         self.inertias, self.joints = [self._inertia(base, ("base",))], []
         self.placed = {self.links[0]: (0, np.eye(4))}  # link number and placement in its frame, of all frames by name
-        self.told_frames = set()
+        self.told_frames, self.nameless = set(), set()
         for number, row in enumerate(self.data["joints"]):
             self._row(row, ("joints", number))
         for number, frame in enumerate(self.data.get("frames", [])):
             self._frame(frame, ("frames", number))
+        self._check_leaders()
         if moving_base is None:
             moving_base = base.get("moving", False)
         if gravity is None:
@@ -78,7 +79,7 @@ class _Builder:
                 name=self.data["robot"],
                 links=tuple(map(Link, self.links, self.inertias)),
                 joints=tuple(self.joints),
-                frames=tuple(Frame(name, *place) for name, place in self.placed.items()),
+                frames=tuple(Frame(name, *place) for name, place in self.placed.items() if name not in self.nameless),
                 moving_base=moving_base,
                 gravity=gravity,
             )
@@ -116,7 +117,11 @@ class _Builder:
                     self.document.fail((*path, key), f"a fixed row moves nothing: leave out {key}, or the type")
             self.inertias[link] += inertia.seen_from(frame)
             self.placed[name] = (link, frame)
+            if row.get("named") is False:
+                self.nameless.add(name)
             return
+        if "named" in row:
+            self.document.fail((*path, "named"), "a link that a joint moves is always known: leave out named")
         if "joint" not in row:
             self.document.fail(path, "joint missing: the name of the joint, or type: fixed")
         self.joints.append(self._joint(row, link, frame, path))
@@ -186,6 +191,13 @@ class _Builder:
         told, path = row["mimic"], (*path, "mimic")
         return Mimic(told["joint"], self._number(told, "multiplier", path, 1.0), self._number(told, "offset", path))
 
+    def _check_leaders(self):
+        names = [joint.name for joint in self.joints]
+        for number, row in enumerate(self.data["joints"]):
+            leader = row.get("mimic", {}).get("joint", next(iter(names), None))
+            if leader not in names and names:
+                self.document.fail(("joints", number, "mimic", "joint"), unknown_name("joint", leader, names))
+
     def _frame(self, frame, path):
         """A named frame on a link; one of the link's own name says where wrenches and payloads on it are meant."""
         name, link = frame["frame"], frame["link"]
@@ -236,8 +248,7 @@ class _Builder:
 
     def _matrix(self, mapping, key, path):
         told, path = mapping.get(key, {}), (*path, key)
-        xx, xy, xz, yy, yz, zz = (self._number(told, entry, path) for entry in ("xx", "xy", "xz", "yy", "yz", "zz"))
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return symmetric(*(self._number(told, entry, path) for entry in MOMENTS))
 
     def _vector(self, mapping, key, path):
         return np.array([self._evaluate(value, (*path, key, k)) for k, value in enumerate(mapping.get(key, [0, 0, 0]))])

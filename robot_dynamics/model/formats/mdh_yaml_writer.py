@@ -6,7 +6,9 @@ import re
 import numpy as np
 import yaml
 
+from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import angle_text, number_text
+from robot_dynamics.model.inertia import MOMENTS
 from robot_dynamics.model.mdh import clean_angle, clean_length
 from robot_dynamics.model.mdh_table import table
 from robot_dynamics.model.placement import roll_pitch_yaw
@@ -21,7 +23,6 @@ HEADER = """\
 # A frame below with the name of a link says where wrenches and payloads on that link are told.
 """
 PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_/.-]*")
-INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 
 
 def write_mdh_yaml(robot):
@@ -29,6 +30,9 @@ def write_mdh_yaml(robot):
 
     Nothing of the Robot is lost. Raises DescriptionError where a number is a symbol.
     """
+    for joint in robot.joints:
+        if np.asarray(joint.placement).dtype == object:
+            raise DescriptionError(f"joint {joint.name!r}: its placement has symbols, and cannot be written as numbers")
     lines = [HEADER, f"format: 1\nrobot: {_name(robot.name)}\n"]
     if tuple(robot.gravity) != EARTH:
         lines.append(f"gravity: {_vector(robot.gravity)}\n")
@@ -59,7 +63,9 @@ def _row(row, inertias):
     entries = [] if joint is None else [f"joint: {_name(joint.name)}"]
     entries += [f"link: {_name(row.name)}", f"antecedent: {_name(row.antecedent)}"]
     if joint is None or joint.prismatic:
-        entries.append(f"type: {'fixed' if joint is None else 'prismatic'}")
+        entries.append("type: prismatic" if joint else "type: fixed")
+    if joint is None:
+        entries.append("named: false")
     entries.append(f"mdh: {_mdh(row.row)}")
     if joint is not None:
         entries += [*_joint(joint), *_body(inertias[row.name])]
@@ -97,7 +103,7 @@ def _body(inertia):
         entries.append(f"mass: {number_text(inertia.mass)}")
     if np.any(inertia.first_moments != 0):
         entries.append(f"first_moments: {_vector(inertia.first_moments)}")
-    told = {key: inertia.second_moments[index] for key, index in INERTIA_ENTRIES.items()}
+    told = {key: inertia.second_moments[index] for key, index in MOMENTS.items()}
     told = {key: number_text(value) for key, value in told.items() if value != 0}
     return [*entries, *([f"inertia: {_mapping(told)}"] if told else [])]
 

@@ -11,7 +11,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.par_document import DRIVE, FORCES, MOTION, ParDocument
 from robot_dynamics.model.formats.par_numbers import ParNumbers
-from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.robot import EARTH, Frame, Joint, Link, Robot, Spring
 
@@ -112,12 +112,10 @@ class _Builder:
         return number
 
     def _inertia(self, row):
-        xx, xy, xz, yy, yz, zz, *first = (
-            self.numbers.number(self._of_link(key, row))
-            for key in ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ")
-        )
+        second = [self.numbers.number(self._of_link(key.upper(), row)) for key in MOMENTS]
+        first = [self.numbers.number(self._of_link(key, row)) for key in ("MX", "MY", "MZ")]
         mass = self._not_negative(self._of_link("M", row), f"mass M of link {row}")
-        return Inertia(mass, first, [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return Inertia(mass, first, symmetric(*second))
 
     def _drive(self, row):
         """What moves the joint of a row; spring None where it is rigid, or None without a motor."""
@@ -182,12 +180,13 @@ class _Builder:
         if any(rigid) and not any(told["actuated"] for told in self.told_joints):
             logger.warning("%s: mu is 0 throughout and taken as not said: joints are actuated", self.document.source)
             self.told_joints = [{**told, "actuated": told["spring"] is None} for told in self.told_joints]
+        frames = tuple(self._frames(links))
         try:
             return Robot(
                 name=self.document.robot_name,
                 links=tuple(map(Link, links, self.inertias)),
                 joints=tuple(Joint(name, **told) for name, told in zip(names, self.told_joints, strict=True)),
-                frames=tuple(self._frames(links)),
+                frames=frames,
                 moving_base=moving_base,
                 gravity=gravity,
             )

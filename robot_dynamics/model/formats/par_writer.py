@@ -20,13 +20,12 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import angle_text, number_text
 from robot_dynamics.model.formats.par_document import LARGEST, MOST_ROWS
-from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.inertia import MOMENTS, Inertia
 from robot_dynamics.model.mdh import Row, rows_of
 from robot_dynamics.model.mdh_table import table
 from robot_dynamics.model.robot import Joint, Limits
 
 ANGLES = ("gamma", "alpha", "theta")
-SECOND_MOMENTS = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
 DRIVE = {"IA": "rotor_inertia", "FV": "viscous_friction", "FS": "coulomb_friction"}
 
 
@@ -44,7 +43,7 @@ def write_par(robot, *, lossy=False):
 
     lossy: leave out what a .par cannot say (limits, joints that follow others, rest and damping of springs, springs
     beside motors) and tell so in comments, instead of raising. The inertia of a base that stands enters no equation
-    and has no place in the format either; a comment tells where there is one.
+    and has no place in the format either: it is left out, and a comment tells.
 
     Raises DescriptionError where something would be lost, a name cannot stand in a comment, or a number is a symbol.
     """
@@ -63,7 +62,7 @@ def write_par(robot, *, lossy=False):
     text = "\n".join(
         [
             f"(* Robotname = {_quoted(robot.name)} *)",
-            *(f"(* Lost: {sentence} *)" for sentence in lost),
+            *(f"(* Lost: {sentence} *)" for sentence in (*lost, *standing_base(robot))),
             *_header(robot, rows),
             *_names(robot, rows, frames),
             "\n(* Geometric parameters: m, rad *)",
@@ -173,14 +172,18 @@ def _variable(name, constant):
 
 def _dynamics(robot, rows):
     bodies = [_FileRow(0, Row(), None, robot.links[0].inertia), *rows] if robot.moving_base else rows
-    told = {key: [body.inertia.second_moments[index] for body in bodies] for key, index in SECOND_MOMENTS.items()}
+    told = {key.upper(): [body.inertia.second_moments[index] for body in bodies] for key, index in MOMENTS.items()}
     told |= {key: [body.inertia.first_moments[k] for body in bodies] for k, key in enumerate(("MX", "MY", "MZ"))}
     told["M"] = [body.inertia.mass for body in bodies]
     told |= {key: [getattr(body.joint, name, 0) for body in bodies] for key, name in DRIVE.items()}
     lists = [_list(key, map(number_text, numbers)) for key, numbers in told.items()]
-    if not robot.moving_base and np.any(robot.links[0].inertia.spatial):
-        return ["(* The base stands: its inertia enters no equation and is not told *)", *lists]
     return lists
+
+
+def standing_base(robot):
+    """A sentence where the base stands and has inertia, which is left out of the file; else none."""
+    told = not robot.moving_base and np.any(robot.links[0].inertia.spatial)
+    return ["the inertia of the base, which stands: it enters no equation"] if told else []
 
 
 def _elasticity(rows):

@@ -5,6 +5,7 @@ numbers, true, false, null or text, and nothing else: `no` and `on` are names, 0
 """
 
 import re
+from itertools import islice
 
 import jsonschema
 import yaml
@@ -86,7 +87,7 @@ class YamlDocument:
         def order(error):  # a strange key first: it often is what is missing, under another name
             return [*map(str, error.absolute_path)], error.validator != "additionalProperties"
 
-        objections = sorted(validator.iter_errors(self.data), key=order)
+        objections = sorted(islice(validator.iter_errors(self.data), 100), key=order)
         if objections:
             error = _deepest(objections[0])
             path = list(error.absolute_path)

@@ -124,6 +124,13 @@ MISTAKES = {
     "name of a classical table": ("d: 0, theta", "a: 0, theta", 10, 21, "the distance along x is d, that along z is r"),
     "another key for the name": ("robot: pendulum", "name: pendulum", 1, 1, "a robot is told as `robot: name`"),
     "dash out of its column": ("  - joint: slide", "   - joint: slide", 14, 4, "stand in one column"),
+    "leader that is not there": (
+        "role: elastic\n",
+        "mimic: {joint: swin}\n",
+        19,
+        20,
+        "unknown joint 'swin': did you mean",
+    ),
     "loops": (
         "joints:",
         "loops: [{joint: a, moved: {antecedent: b}, closed_on: {antecedent: c}}]\njoints:",
