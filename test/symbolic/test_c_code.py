@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from peers.straight_lines import NUMBERS, SPECIAL, interpreted, programs
 
 from robot_dynamics import load_robot
 from robot_dynamics.newton_euler import recursion
@@ -34,8 +35,6 @@ def installed(*names):
 COMPILERS, CPP_COMPILERS = installed("gcc", "clang", "cc"), installed("g++", "clang++", "c++")
 STRICT = ["-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow", "-Wfloat-equal"]
 C99 = ["-std=c99", "-Wmissing-prototypes", *STRICT]
-SPECIAL = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e308, -1e308, math.inf, -math.inf, math.nan]
-NUMBERS = st.one_of(st.sampled_from(SPECIAL), st.floats(-10, 10))
 HOSTILE = [
     "*/ int injected; /*",
     "*/\n#error injected\n/*",
@@ -101,24 +100,6 @@ def numbers_of(values):
     return (ctypes.c_double * len(values))(*values)
 
 
-def interpreted(program, inputs, parameters=None):
-    """The outputs of a program as flat lists, by the meaning of its statements."""
-    rules = {"add": np.add, "subtract": np.subtract, "multiply": np.multiply, "divide": np.divide}
-    rules |= {"sqrt": np.sqrt, "sign": np.sign}
-    rules |= {"sin": lambda x: math.sin(x) if math.isfinite(x) else math.nan}
-    rules |= {"cos": lambda x: math.cos(x) if math.isfinite(x) else math.nan}
-    values = {}
-    for number, kind, operands in program.leaves:
-        if kind == "input":
-            values[number] = np.float64(inputs[operands[0]][operands[1]])
-        else:
-            values[number] = np.float64(operands[0] if kind == "constant" else parameters[operands[0]])
-    with np.errstate(all="ignore"):
-        for number, operation, operands in program.setup + program.statements:
-            values[number] = rules[operation](*(values[operand] for operand in operands))
-    return [[sign * values[node] for node, sign in output.entries] for output in program.outputs]
-
-
 def same(found, expected):
     """Lists of numbers, equal but for rounding."""
     for one, other in zip(found, expected, strict=True):
@@ -153,29 +134,6 @@ def test_models_of_the_panda_agree(tmp_path, form, number):
         found, answer = compiled(inputs, parameters), function(*sample)
         same(found, interpreted(program, inputs, parameters))
         same(found, answer if len(program.outputs) > 1 else [answer])
-
-
-@st.composite
-def programs(draw):
-    """A program of two inputs and two parameters, and of operations that Scalars have."""
-    trace = Trace()
-    pool = [*trace.input("x", 3), *trace.input("s_x", 2), *trace.parameters(["gear", "t1"])]
-    for _ in range(draw(st.integers(0, 40))):
-        a, b = (pool[draw(st.integers(0, len(pool) - 1))] for _ in range(2))
-        operation = draw(st.sampled_from("+-*/nscrgk"))
-        try:
-            match operation:
-                case "+" | "-" | "*" | "/":
-                    made = {"+": a.__add__, "-": a.__sub__, "*": a.__mul__, "/": a.__truediv__}[operation](b)
-                case "k":
-                    made = a * draw(NUMBERS) + draw(NUMBERS)
-                case _:
-                    made = {"n": a.__neg__, "s": a.sin, "c": a.cos, "r": a.sqrt, "g": a.signum}[operation]()
-        except (ZeroDivisionError, ValueError):  # what is not recorded
-            continue
-        pool.append(made)
-    outputs = {"y": np.array(pool[-4:]).reshape(2, 2), "z": pool[len(pool) // 2]}
-    return program_of(trace, "random", {"x": 3, "s_x": 2}, outputs)
 
 
 @settings(deadline=None, max_examples=25)
