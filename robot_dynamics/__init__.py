@@ -3,8 +3,9 @@
 from robot_dynamics.dynamics import Answer, Base, Dynamics, Equilibrium
 from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError, SingularModelError
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Spring
 from robot_dynamics.model.library import load_robot, shipped_robots
-from robot_dynamics.model.robot import Robot, Spring
+from robot_dynamics.model.robot import Robot
 
 __all__ = [
     "Answer",

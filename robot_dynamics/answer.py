@@ -6,6 +6,7 @@ import numpy as np
 
 from robot_dynamics.errors import QuestionError, SingularModelError
 
+BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
 SINGULAR = 1e-14  # an inertia below this part of the largest one beside it is rounding
 UNBALANCED = 1e-9  # what may be left of the forces of an equilibrium, as a part of weights, wrenches and springs
 

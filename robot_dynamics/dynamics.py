@@ -8,16 +8,16 @@ origin.
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from robot_dynamics.answer import Answer, Equilibrium, filled, refuse_singular, refuse_unbalanced
+from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, filled, refuse_unbalanced
 from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
-from robot_dynamics.newton_euler import recursion
-from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
+from robot_dynamics.motion import State, moved
+from robot_dynamics.newton_euler.coupling import coupling, projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.equilibrium import balance
 from robot_dynamics.newton_euler.friction import friction
@@ -30,8 +30,6 @@ from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels
 from robot_dynamics.symbolic.questions import checked_wrenches, of_base, program_key, run_program
 
 __all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
-
-BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
 
 
 class Dynamics:
@@ -70,6 +68,10 @@ class Dynamics:
     def __repr__(self):
         return f"Dynamics({self.robot!r})"
 
+    def __reduce__(self):
+        """Copied and sent to other processes without its programs: machine code belongs to this one."""
+        return partial(Dynamics, compiled=self._compiles), (self.robot,)
+
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity, friction and springs, less the external
         wrenches. Joints without motor move as they must, and have effort zero; `solve` tells their accelerations.
@@ -103,10 +105,10 @@ class Dynamics:
             lost = friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
             if qdd is None:
                 everyone, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
-                qdd, _, *caused = self._moved(state, everyone, nothing, given - lost @ self._S)
+                qdd, _, *caused = moved(self.robot, self._S, state, everyone, nothing, given - lost @ self._S)
                 efforts = given
             else:
-                qdd, forces, *caused = self._moved(state, self._undriven, given, -lost @ self._S)
+                qdd, forces, *caused = moved(self.robot, self._S, state, self._undriven, given, -lost @ self._S)
                 efforts = (forces + lost) @ self._S
                 efforts[..., self._undriven] = 0  # what is left is rounding
             base_acceleration, wrenches = caused
@@ -289,57 +291,7 @@ class Dynamics:
         base = base_state(self.robot, base)
         wrenches = link_wrenches(self.robot, external_wrenches)
         batch = common_batch(q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
-        return _State(q @ self._S.T + self._offset, qd @ self._S.T, base, wrenches, batch)
-
-    def _moved(self, state, unknown, accelerations, forces):
-        """(accelerations (..., n), forces (..., all joints), base acceleration, link wrenches).
-
-        unknown: numbers of the independent joints whose acceleration is unknown; accelerations: (..., n), those that
-        are known; forces: (..., n) where accelerations are unknown, less friction and springs.
-        """
-        robot, base, depends = self.robot, state.base, len(self.joint_names) < len(self.robot.joints)
-        if depends and len(unknown):
-            accelerations, unknown = self._moved_together(state, unknown, accelerations, forces), ()
-        sweep = sweep_forward(robot, state.q, state.qd, base.twist, state.wrenches)
-        everyone = accelerations @ self._S.T
-        if not len(unknown) and base.acceleration is not None:
-            forces, wrenches = inverse_dynamics(robot, sweep, everyone, base.acceleration)
-            return accelerations, forces, base.acceleration, wrenches
-        known = [None if number in unknown else column for number, column in enumerate(_columns(everyone))]
-        pushed = [column if number in unknown else None for number, column in enumerate(_columns(forces @ self._S.T))]
-        found = recursion.solve(robot, sweep, known, pushed, base.acceleration)
-        self._refuse_singular(found)
-        found_accelerations = accelerations if depends else found.accelerations
-        return found_accelerations, found.forces, found.base_acceleration, found.wrenches
-
-    def _moved_together(self, state, unknown, accelerations, forces):
-        """Accelerations of the independent joints of a robot in which some depend on others, as for `_moved`."""
-        base = state.base
-        known = np.zeros(6) if base.acceleration is None else base.acceleration
-        H = bias(self.robot, state.q, state.qd, base.twist, known, state.wrenches)
-        if base.acceleration is not None:
-            H = H[..., -len(self.robot.joints) :]
-        found, pivots, diagonal = coupled_accelerations(self.robot, self._S, state.q, unknown, accelerations, forces, H)
-        names = tuple(self.joint_names[number] for number in reversed(unknown)) + BASE_ROWS
-        for pivot, k, name in zip(pivots, range(len(pivots)), names, strict=False):
-            refuse_singular(pivot, diagonal[..., k], name)
-        return found[..., -len(self.joint_names) :]
-
-    def _refuse_singular(self, found):
-        """Raise SingularModelError where an acceleration of a recursion.Solution owes its value to rounding.
-
-        From the leaves to the base, as the recursion went: the first that fails is the cause of those after it.
-        """
-        folded = found.folded
-        for j in range(len(self.robot.joints), 0, -1):
-            if folded.resistances[j] is not None:
-                joint = self.robot.joints[j - 1]
-                # kg beside kg where the joint moves along its axis, kg m² beside kg m² where it turns about it
-                alike = slice(0, 3) if joint.prismatic else slice(3, 6)
-                diagonal = np.diagonal(folded.inertias[j][..., alike, alike], axis1=-2, axis2=-1)
-                refuse_singular(folded.resistances[j], diagonal.max(axis=-1, keepdims=True), f"joint {joint.name!r}")
-        for k, pivot in enumerate(found.base_pivots):
-            refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
+        return State(q @ self._S.T + self._offset, qd @ self._S.T, base, wrenches, batch)
 
     def _bias(self, state, base, twist, acceleration):
         if base is not None and base.acceleration is not None:
@@ -351,20 +303,3 @@ class Dynamics:
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""
         moved = [wrench_to_antecedent(R, P, wrenches[..., j, :]) for j, (R, P) in enumerate(self._in_link_frame)]
         return np.stack(moved, axis=-2)
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """A question as the recursions take it: q, qd (..., all joints); base: BaseState; wrenches: by link number; batch:
-    the shape of the batch axes."""
-
-    q: np.ndarray
-    qd: np.ndarray
-    base: object
-    wrenches: dict
-    batch: tuple
-
-
-def _columns(array):
-    """The columns (..., 1) of (..., n) as a list of n."""
-    return np.split(array, array.shape[-1], axis=-1) if array.shape[-1] else []

@@ -16,10 +16,11 @@ from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_writer import write_urdf
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint, Limits, Mimic
 from robot_dynamics.model.library import load_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snapped
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
-from robot_dynamics.model.robot import Frame, Joint, Limits, Link, Mimic, Robot
+from robot_dynamics.model.robot import Frame, Link, Robot
 
 TOLERANCE = 1e-9
 

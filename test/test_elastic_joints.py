@@ -14,8 +14,9 @@ from scipy.optimize import minimize
 from robot_dynamics import Base, Dynamics, QuestionError, Robot, SingularModelError, Spring, load_robot
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.placement import placement
-from robot_dynamics.model.robot import Frame, Joint, Link
+from robot_dynamics.model.robot import Frame, Link
 
 TOLERANCE = 1e-9
 

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.mdh import Row, rows_of
-from robot_dynamics.model.robot import Joint
 
 
 class TableRow(NamedTuple):

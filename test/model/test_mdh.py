@@ -153,6 +153,6 @@ def test_snapping_finds_the_multiples_of_15_degrees_again(first, second, third, 
 def test_roll_pitch_yaw_is_exact_even_where_pitch_is_a_right_angle(roll, pitch, yaw):
     for tilt in (pitch, math.pi / 2 + pitch * 1e-9, -math.pi / 2):
         rotation = Rotation.from_euler("xyz", [roll, tilt, yaw]).as_matrix()
-        np.testing.assert_allclose(rotation_from_roll_pitch_yaw(roll, tilt, yaw), rotation, atol=1e-15)
+        np.testing.assert_allclose(rotation_from_roll_pitch_yaw(roll, tilt, yaw), rotation, rtol=0, atol=4e-15)
         again = Rotation.from_euler("xyz", roll_pitch_yaw(rotation)).as_matrix()
-        np.testing.assert_allclose(again, rotation, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(again, rotation, rtol=0, atol=4e-15)

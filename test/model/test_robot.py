@@ -9,8 +9,9 @@ from peers.random_robots import random_urdf
 
 from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, SingularModelError, load_robot
 from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.joint import Limits, Mimic
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
-from robot_dynamics.model.robot import Frame, Limits, Mimic
+from robot_dynamics.model.robot import Frame
 
 
 def arm(tip="", joint="", between=""):

@@ -4,8 +4,9 @@ import numpy as np
 
 from robot_dynamics import Robot
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.mdh import Row, placement_of
-from robot_dynamics.model.robot import Frame, Joint, Link
+from robot_dynamics.model.robot import Frame, Link
 
 MOMENTS = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
 

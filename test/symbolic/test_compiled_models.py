@@ -1,5 +1,6 @@
 """Dynamics with compiled models: the same answers and refusals as the recursions, whatever is ready when."""
 
+import pickle
 import subprocess
 import sys
 import threading
@@ -178,6 +179,14 @@ for model in ("inverse", "direct"):
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("pip install llvmlite") == 1
+
+
+def test_dynamics_can_be_sent_to_another_process():
+    fast = compiled(load_robot("ur5e"), ("inverse", None, {}))
+    again = pickle.loads(pickle.dumps(fast))
+    q = np.ones(6)
+    assert not again._programs._programs and error(again.inverse(q, q, q), fast.inverse(q, q, q)) < 1e-12
+    assert pickle.loads(pickle.dumps(Dynamics(load_robot("ur5e"), compiled=False)))._compiles is False
 
 
 def test_python_programs_give_what_compiled_ones_give():

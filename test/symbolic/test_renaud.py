@@ -6,7 +6,8 @@ import pytest
 
 from robot_dynamics import Robot
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.robot import Frame, Joint, Link
+from robot_dynamics.model.joint import Joint
+from robot_dynamics.model.robot import Frame, Link
 from robot_dynamics.newton_euler import augmented, inverse
 from robot_dynamics.newton_euler.kinematics import sweep_forward
 from robot_dynamics.symbolic.base_parameters import gathered

@@ -12,9 +12,10 @@ from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
 from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
+from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring, check_joint
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH, Frame, Joint, Limits, Link, Mimic, Robot, Spring, check_joint
+from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
 
 HINTS = {
     "a": "in modified parameters the distance along x is d, that along z is r (Craig's a and d)",

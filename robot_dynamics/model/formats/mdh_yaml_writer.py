@@ -9,10 +9,11 @@ import yaml
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import angle_text, number_text
 from robot_dynamics.model.inertia import MOMENTS
+from robot_dynamics.model.joint import Limits
 from robot_dynamics.model.mdh import clean_angle, clean_length
 from robot_dynamics.model.mdh_table import table
 from robot_dynamics.model.placement import roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH, Limits
+from robot_dynamics.model.robot import EARTH
 
 HEADER = """\
 # Modified Denavit-Hartenberg parameters (Khalil and Kleinfinger). SI units: m, rad, kg, N m.

@@ -12,8 +12,9 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.par_document import DRIVE, FORCES, MOTION, ParDocument
 from robot_dynamics.model.formats.par_numbers import ParNumbers
 from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
+from robot_dynamics.model.joint import Joint, Spring
 from robot_dynamics.model.mdh import Row, placement_of
-from robot_dynamics.model.robot import EARTH, Frame, Joint, Link, Robot, Spring
+from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
 
 logger = logging.getLogger(__name__)
 

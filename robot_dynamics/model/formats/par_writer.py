@@ -21,9 +21,9 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import angle_text, number_text
 from robot_dynamics.model.formats.par_document import LARGEST, MOST_ROWS
 from robot_dynamics.model.inertia import MOMENTS, Inertia
+from robot_dynamics.model.joint import Joint, Limits
 from robot_dynamics.model.mdh import Row, rows_of
 from robot_dynamics.model.mdh_table import table
-from robot_dynamics.model.robot import Joint, Limits
 
 ANGLES = ("gamma", "alpha", "theta")
 DRIVE = {"IA": "rotor_inertia", "FV": "viscous_friction", "FS": "coulomb_friction"}

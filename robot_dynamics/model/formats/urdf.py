@@ -9,8 +9,9 @@ from lxml import etree
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.urdf_document import check_urdf, parse_urdf_text
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
-from robot_dynamics.model.robot import EARTH, MOST_JOINTS, UNLIMITED, Frame, Joint, Limits, Link, Mimic, Robot
+from robot_dynamics.model.robot import EARTH, MOST_JOINTS, Frame, Link, Robot
 
 
 def read_urdf(text, *, source="URDF", moving_base=None, gravity=None):

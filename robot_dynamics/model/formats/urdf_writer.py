@@ -13,10 +13,11 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.inertia import skew
+from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
 from robot_dynamics.model.mdh import ROUNDING, clean_angle
 from robot_dynamics.model.mdh_table import free_name
 from robot_dynamics.model.placement import inverse, roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH, UNLIMITED, Mimic, Spring
+from robot_dynamics.model.robot import EARTH
 
 ON_AXIS = 1e-12  # an origin is on an axis that it misses by this part of the lengths around it
 FARTHEST_CENTRE = 1e3  # [m] of mass from its frame: farther, the inertia about it keeps too few digits

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from robot_dynamics import DescriptionError, Dynamics
 from robot_dynamics.model.formats.par import read_par
-from robot_dynamics.model.robot import Spring
+from robot_dynamics.model.joint import Spring
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "data" / "par"
 

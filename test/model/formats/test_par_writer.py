@@ -14,9 +14,10 @@ from robot_dynamics.model.formats.par import read_par
 from robot_dynamics.model.formats.par_writer import write_par
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.minimal_frames import minimal_frames
-from robot_dynamics.model.robot import Frame, Joint, Limits, Link, Mimic, Robot, Spring
+from robot_dynamics.model.robot import Frame, Link, Robot
 
 
 def same(robot, back):

@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 from robot_dynamics import DescriptionError, Dynamics, Inertia
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_writer import UNLIMITED, write_urdf
+from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.placement import placement, roll_pitch_yaw
-from robot_dynamics.model.robot import Frame, Joint, Limits, Link, Mimic, Robot, Spring
+from robot_dynamics.model.robot import Frame, Link, Robot
 
 TOLERANCE = 1e-12
 FRAMES = pytest.mark.parametrize("minimal", [False, True], ids=["as read", "minimal frames"])
