@@ -188,3 +188,25 @@ def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, st
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), moon.inverse(q, qd, qdd))
     changed = caller.set_parameters(server, {"gravity": ""})
     assert changed.successful, changed.reason
+
+
+FOLLOWED = """robot: followed
+joints:
+  - {joint: sprung, link: one, role: elastic, spring: {stiffness: 40}, mass: 1, centre_of_mass: [0.2, 0, 0]}
+  - {joint: follower, link: two, mdh: {d: 0.4}, mimic: {joint: sprung, multiplier: -0.5}, mass: 1}
+  - {joint: driven, link: three, mdh: {alpha: pi/2, d: 0.3}, mass: 1, centre_of_mass: [0, 0.1, 0]}
+"""
+
+
+def test_what_follows_an_elastic_joint_is_left_open_as_well(caller, start_server):
+    """nan stands for the acceleration of the spring and of what it leads; both are in the answer."""
+    server, dynamics = start_server({"robot_description": FOLLOWED}), Dynamics(load_robot(FOLLOWED), compiled=False)
+    names, nan = ["driven", "follower", "sprung"], np.nan
+    q, qd, qdd = [[0.3, -0.1, 0.2]], [[0.1, -0.25, 0.5]], [[1.0, nan, nan]]
+    answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+    expected = dynamics.solve([0.2, 0.3], [0.5, 0.1], qdd=[nan, 1.0])
+    sprung = expected.accelerations[0]
+    np.testing.assert_allclose(field(answer.trajectory, "accelerations"), [[1.0, -0.5 * sprung, sprung]], rtol=1e-12)
+    np.testing.assert_allclose(field(answer.trajectory, "effort"), [[expected.efforts[1], 0, 0]], rtol=1e-12)
+    refused = call(caller, server, inverse_request(names, q, qd, [[nan, nan, nan]]))
+    assert not refused.success and "a finite number is needed" in refused.message

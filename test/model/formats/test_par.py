@@ -347,3 +347,12 @@ def test_the_rx90_is_its_table():
 def test_closed_loops_are_refused_honestly(name):
     with pytest.raises(DescriptionError, match=f"{name}, line 3: .* closed loops are not read yet"):
         read_par(sample(name), source=name)
+
+
+def test_large_constant_beside_a_joint_variable_does_not_hide_it():
+    """r = r1 + 1e12: the variable grows by one where the entry does, in the digits that are left."""
+    zeros = "".join(f"{key} = {{0}}\n" for key in ("ant", "b", "d", "gamma", "alpha", "theta"))
+    text = f"NL = 1\nNJ = 1\nsigma = {{1}}\nr = {{r1 + 1e12}}\n{zeros}"
+    assert read_par(text).joints[0].placement[2, 3] == 1e12
+    with pytest.raises(DescriptionError, match="does not grow as r1 does"):
+        read_par(text.replace("r1 + 1e12", "2*r1 + 1e12"))
