@@ -31,7 +31,8 @@ class Equilibrium:
     """A robot at rest, its motors holding it.
 
     positions, efforts: (..., n), the positions of joints without motor as found; reactions: (..., 1 + joints, 6) as in
-    Answer; stable: (...) whether the joints without motor come back when they are moved a little.
+    Answer; stable: (...) whether the joints without motor come back when they are moved a little, as far as gravity and
+    springs tell: wrenches, which turn with their links, may excite what is called stable.
     """
 
     positions: np.ndarray
