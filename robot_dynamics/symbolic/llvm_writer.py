@@ -79,12 +79,3 @@ class Writer:
                 f"{last} = select {bits} {name}.is.{relation}, {self.type} {self.literal(value)}, {self.type} {result}",
             ]
             result = last
-
-    def load(self, step):
-        raise NotImplementedError
-
-    def store(self, step):
-        raise NotImplementedError
-
-    def sincos(self, step):
-        raise NotImplementedError

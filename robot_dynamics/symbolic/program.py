@@ -78,12 +78,6 @@ class Program:
         """The Operations of one call: every binary +, -, × and ÷ of `statements` counts, 2x and squares too."""
         return count(self.statements)
 
-    @cached_property
-    def node_count(self):
-        """One more than the greatest number of a node."""
-        numbers = [statement.number for part in (self.leaves, self.setup, self.statements) for statement in part]
-        return 1 + max(numbers, default=-1)
-
 
 def count(statements):
     """The Operations of some statements."""
