@@ -49,7 +49,8 @@ class Joint:
     frame of the antecedent where the joint variable is zero; the variable then turns frame j about z_j or moves it
     along z_j. rotor_inertia: Ia, seen at the joint [kg m² or kg]; viscous_friction: Fv [N m s/rad or N s/m];
     coulomb_friction: Fs [N m or N]. actuated: μ, whether a motor drives it; one without motor is elastic where it has a
-    spring, else passive. A spring beside a motor bears its part of the load.
+    spring, else passive. A spring beside a motor bears its part of the load. initial_position [rad or m]: where loops
+    are closed first; it chooses between their assembly modes.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Joint:
     mimic: Mimic | None = None
     actuated: bool = True
     spring: Spring | None = None
+    initial_position: float = 0.0
 
     @property
     def role(self):
@@ -119,6 +121,7 @@ def check_joint(number, joint):
         "stiffness": spring.stiffness,
         "rest position": spring.rest,
         "damping": spring.damping,
+        "initial position": joint.initial_position,
     }
     for name, value in numbers.items():
         value = np.asarray(value)

@@ -19,7 +19,7 @@ def minimal_frames(robot):
     """The same robot in frames with γ = b = 0 for the first link on every link but the base, where the axes of the two
     are parallel or clearly not.
 
-    Joint variables, inertias, reactions and the named frames stay what and where they are; joint placements and the
+    Joint variables, inertias, reactions, loops and the named frames stay what and where they are; joint placements and the
     inertias' numbers change with the frames.
     """
     followers = {joint.antecedent: joint for joint in reversed(robot.joints)}  # the first that hangs on each link
@@ -31,8 +31,10 @@ def minimal_frames(robot):
         changes.append(change)
         joints.append(replace(joint, placement=_tidy(placed @ change)))
         links.append(Link(link.name, link.inertia.seen_from(inverse(change))))
-    frames = [replace(frame, placement=inverse(changes[frame.link]) @ frame.placement) for frame in robot.frames]
-    return replace(robot, joints=tuple(joints), links=tuple(links), frames=tuple(frames))
+    back = [inverse(change) for change in changes]
+    frames = [replace(frame, placement=back[frame.link] @ frame.placement) for frame in robot.frames]
+    loops = [loop.placed(lambda end: back[end.link] @ end.placement) for loop in robot.loops]
+    return replace(robot, joints=tuple(joints), links=tuple(links), frames=tuple(frames), loops=tuple(loops))
 
 
 def _choice(placed, follower):
@@ -80,7 +82,8 @@ def snapped(robot, tolerance):
     """
     joints = [replace(joint, placement=_snapped(joint.placement, tolerance)) for joint in robot.joints]
     frames = [replace(frame, placement=_snapped(frame.placement, tolerance)) for frame in robot.frames]
-    return replace(robot, joints=tuple(joints), frames=tuple(frames))
+    loops = [loop.placed(lambda end: _snapped(end.placement, tolerance)) for loop in robot.loops]
+    return replace(robot, joints=tuple(joints), frames=tuple(frames), loops=tuple(loops))
 
 
 def _snapped(matrix, tolerance):

@@ -1,4 +1,5 @@
-"""A robot as data: a tree of links, each placed by one joint variable in its antecedent (Khalil, section 2).
+"""A robot as data: a tree of links, each placed by one joint variable in its antecedent, and the loops that close it
+(Khalil, section 2).
 
 Link 0 is the base. Joint j moves link j, and a(j) < j is its antecedent. Frame j is fixed to link j with z_j along the
 axis of joint j. The links of the description, each in the frame that its author gave it, stay known as named frames.
@@ -13,6 +14,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, check_joint, check_placement, doubtful_limits
+from robot_dynamics.model.loop import Loop, check_loop
 
 EARTH = (0.0, 0.0, -9.81)
 MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
@@ -37,11 +39,12 @@ class Frame:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Robot:
-    """A tree-structured robot.
+    """A robot with the structure of a tree, or with loops, cut open into a tree.
 
     links: n + 1 of them, the base first; joints: n, joints[j - 1] moves links[j]; frames: every link of the
     description, those that are fixed to another one too; moving_base: whether nothing holds link 0; gravity: (3,)
-    [m/s²], in the world, which is the frame of the base where the base is fixed.
+    [m/s²], in the world, which is the frame of the base where the base is fixed; loops: the pairs of frames that
+    coincide, none in a tree.
 
     Raises DescriptionError where these do not fit together.
     """
@@ -52,6 +55,7 @@ class Robot:
     frames: tuple[Frame, ...]
     moving_base: bool = False
     gravity: np.ndarray = EARTH
+    loops: tuple[Loop, ...] = ()
 
     def __post_init__(self):
         self._check_gravity_and_base()
@@ -59,12 +63,14 @@ class Robot:
             raise DescriptionError(f"{len(self.joints)} joints move {len(self.links)} links: one link more is needed")
         if len(self.joints) > MOST_JOINTS:
             raise DescriptionError(f"{len(self.joints)} moving joints are more than are read: {MOST_JOINTS} at most")
-        for kind, items in (("joint", self.joints), ("frame", self.frames)):
+        for kind, items in (("joint", self.joints), ("frame", self.frames), ("loop", self.loops)):
             (repeated, times), *_ = [*Counter(item.name for item in items).most_common(1), ("", 1)]
             if times > 1:
                 raise DescriptionError(f"{kind} {repeated!r} is there more than once: names must differ")
         for number, joint in enumerate(self.joints, start=1):
             check_joint(number, joint)
+        for loop in self.loops:
+            check_loop(loop, len(self.links))
         for link in self.links:
             if not link.inertia.is_finite:
                 raise DescriptionError(f"link {link.name!r}: its inertia has an entry that is not a finite number")
@@ -155,14 +161,29 @@ class Robot:
             found.append("the moving base and all that it carries have no mass, so no model has an answer")
         for joint in self.joints:
             found += doubtful_limits(joint)
-        resisted = self._resisted
+        resisted = self._resisted  # what loops bind is judged with the loops closed
         for number, (leader, _, _) in enumerate(self.leaders):
-            if leader == number and not resisted[number]:
+            if leader == number and not (resisted[number] or number in self.looped):
                 found.append(
                     f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
                     "inertia, so the direct model has no answer"
                 )
         return tuple(found)
+
+    def way(self, link):
+        """Numbers of the joints between a link and the base, from the link on."""
+        found = []
+        while link > 0:
+            found.append(link - 1)
+            link = self.joints[link - 1].antecedent
+        return found
+
+    @cached_property
+    def looped(self):
+        """Numbers of the joints that are part of a loop: on the way of one of its ends, and not of the other."""
+        return frozenset().union(
+            *(set(self.way(a.link)) ^ set(self.way(b.link)) for a, b in (loop.ends for loop in self.loops))
+        )
 
     @property
     def _known_by_moment(self):
