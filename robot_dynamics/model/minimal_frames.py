@@ -19,8 +19,8 @@ def minimal_frames(robot):
     """The same robot in frames with γ = b = 0 for the first link on every link but the base, where the axes of the two
     are parallel or clearly not.
 
-    Joint variables, inertias, reactions, loops and the named frames stay what and where they are; joint placements and the
-    inertias' numbers change with the frames.
+    Joint variables, inertias, reactions, loops and the named frames stay what and where they are; joint placements and
+    the inertias' numbers change with the frames.
     """
     followers = {joint.antecedent: joint for joint in reversed(robot.joints)}  # the first that hangs on each link
     changes = [np.eye(4)]  # how the new frame j stands in the old one; frame 0 stays
