@@ -1,6 +1,7 @@
 """What is answered: the dynamics of a state as arrays, and the refusal of what has no answer."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,17 +12,28 @@ SINGULAR = 1e-14  # an inertia below this part of the largest one beside it is r
 UNBALANCED = 1e-9  # what may be left of the forces of an equilibrium, as a part of weights, wrenches and springs
 
 
+class JointMotion(NamedTuple):
+    """Positions, velocities and accelerations (..., all joints) of all joints, in the order of all_joint_names."""
+
+    positions: np.ndarray
+    velocities: np.ndarray
+    accelerations: np.ndarray
+
+
 @dataclass(frozen=True, eq=False)
 class Answer:
     """The dynamics of a state.
 
-    accelerations, efforts: (..., n), one of them as given; base_acceleration: (..., 6), None where the base is fixed;
+    accelerations, efforts: (..., n), one of them as given; motion: of all joints, those too that depend on
+    others; base_acceleration: (..., 6), None where the base is fixed;
     reactions: (..., 1 + joints, 6) [N, N m], first what the ground exerts on the base, in frame 0, then what each of
-    all joints exerts on the link it moves, in the link frame of that link, at its origin.
+    all joints exerts on the link it moves, in the link frame of that link, at its origin. The joint at which a loop is
+    cut carries what the loop exerts. Where loops are held by more than they need, reactions are those of least norm.
     """
 
     accelerations: np.ndarray
     efforts: np.ndarray
+    motion: JointMotion
     base_acceleration: np.ndarray | None
     reactions: np.ndarray
 
@@ -30,12 +42,14 @@ class Answer:
 class Equilibrium:
     """A robot at rest, its motors holding it.
 
-    positions, efforts: (..., n), the positions of joints without motor as found; reactions: (..., 1 + joints, 6) as in
+    positions, efforts: (..., n), the positions of joints without motor as found; joint_positions: (..., all joints)
+    those of all; reactions: (..., 1 + joints, 6) as in
     Answer; stable: (...) whether the joints without motor come back when they are moved a little, as far as gravity and
     springs tell: wrenches, which turn with their links, may excite what is called stable.
     """
 
     positions: np.ndarray
+    joint_positions: np.ndarray
     efforts: np.ndarray
     reactions: np.ndarray
     stable: np.ndarray

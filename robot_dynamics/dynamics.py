@@ -8,22 +8,24 @@ origin.
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, filled, refuse_unbalanced
+from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, JointMotion, filled, refuse_unbalanced
+from robot_dynamics.configuration import Configurations
 from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
-from robot_dynamics.motion import State, moved
-from robot_dynamics.newton_euler.coupling import coupling, projection
+from robot_dynamics.motion import State, moved, with_loops_closed
+from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.equilibrium import balance
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
-from robot_dynamics.newton_euler.screw import wrench_to_antecedent
+from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
 from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels
@@ -36,13 +38,20 @@ class Dynamics:
     """Inverse and direct dynamics of a robot, for one sample or a batch.
 
     joint_names: the joints of the vectors, in their order: branch by branch, as the description has them. Joints that
-    depend on others (mimic joints) are not among them; all_joint_names has these too. `expand`, `expand_rates`,
-    `gather_efforts` and `spread_efforts` go from one set to the other. undriven_joint_names: the elastic and passive
-    joints. Their positions and velocities are part of the state as those of any joint; their accelerations are always
-    part of the answer and their efforts always zero, so that in a question 0 or nan stands there.
+    depend on others (mimic joints, passive joints of loops) are not among them; all_joint_names has these too.
+    `expand`, `expand_rates`, `expand_accelerations`, `gather_efforts` and `spread_efforts` go from one set to the
+    other. undriven_joint_names: those of joint_names that are elastic or passive. Their positions and velocities are
+    part of the state as those of any joint; their accelerations are always part of the answer and their efforts always
+    zero, so that in a question 0 or nan stands there.
 
     Arguments are q, qd, qdd, efforts: (..., n); base: a Base, for a robot with a moving base and for no other;
     external_wrenches: {link name: (..., 6)}. Every method raises QuestionError for an argument that does not fit.
+
+    Where the robot has loops, q may have all joints too (..., all joints): the positions of the joints that the loops
+    place, `looped_joint_names`, are then where the search for them begins, and choose the assembly mode; nan says
+    nothing. Without them the mode is that of the initial positions of the description. Every method raises
+    SingularModelError where the loops do not close, or do not tell where the other joints are. Nothing is remembered
+    between two calls.
 
     compiled: whether inverse, direct, inertia_matrix, gravity and coriolis go on as compiled programs when the
     recursions have been asked for some time; nothing ever waits for a compiler but `compile`. Answers then differ in
@@ -53,14 +62,16 @@ class Dynamics:
         if not isinstance(robot, Robot):
             raise QuestionError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
         self.robot = robot
-        self._S, self._offset, self._independent = coupling(robot)
-        self._projection = projection(self._S, 6 if robot.moving_base else 0)
+        self._configurations = Configurations(robot)
+        self._base_rows = 6 if robot.moving_base else 0
         # how each frame j stands in the link frame that the description gives
         placements = [inverse(robot.frame(link.name).placement) for link in robot.links]
         self._in_link_frame = [(placed[:3, :3], placed[:3, 3]) for placed in placements]
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
-        self.joint_names = tuple(self.all_joint_names[number] for number in self._independent)
-        self._undriven = [place for place, number in enumerate(self._independent) if not robot.joints[number].actuated]
+        self.joint_names = tuple(self.all_joint_names[number] for number in self._configurations.independent)
+        self.looped_joint_names = tuple(self.all_joint_names[number] for number in self._configurations.dependent)
+        driven = [robot.joints[number].actuated for number in self._configurations.independent]
+        self._undriven = [place for place, has_motor in enumerate(driven) if not has_motor]
         self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
         self._programs = CompiledModels(robot)
         self._compiles = compiled
@@ -78,8 +89,8 @@ class Dynamics:
 
         Source: Khalil, sections 3.2, 6 and 7.2.
         """
-        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
-        given["qdd"] = self._driven("accelerations", qdd)
+        q = self._positions(q)
+        given = {"q": q, "qd": self._joints("velocities", qd), "qdd": self._driven("accelerations", qdd)}
         question = {"base": base, "external_wrenches": external_wrenches}
         return self._computed("inverse", given, question, lambda: self.solve(q, qd, qdd=qdd, **question).efforts)
 
@@ -88,8 +99,8 @@ class Dynamics:
 
         Raises SingularModelError where some motion moves nothing with inertia. Source: Khalil, sections 3.3.2, 6, 7.3.
         """
-        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
-        given["efforts"] = self._driven("efforts", efforts)
+        q = self._positions(q)
+        given = {"q": q, "qd": self._joints("velocities", qd), "efforts": self._driven("efforts", efforts)}
         question = {"base": base, "external_wrenches": external_wrenches}
         return self._computed(
             "direct", given, question, lambda: self.solve(q, qd, efforts=efforts, **question).accelerations
@@ -103,20 +114,25 @@ class Dynamics:
         state = self._state(q, qd, base, external_wrenches, given)
         with np.errstate(all="ignore"):  # what is not finite is refused below
             lost = friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
+            gathered = state.configuration.gathered
             if qdd is None:
-                everyone, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
-                qdd, _, *caused = moved(self.robot, self._S, state, everyone, nothing, given - lost @ self._S)
+                every, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
+                qdd, forces, *caused = moved(self.robot, state, every, nothing, given - gathered(lost))
                 efforts = given
             else:
-                qdd, forces, *caused = moved(self.robot, self._S, state, self._undriven, given, -lost @ self._S)
-                efforts = (forces + lost) @ self._S
+                qdd, forces, *caused = moved(self.robot, state, self._undriven, given, -gathered(lost))
+                efforts = gathered(forces + lost)
                 efforts[..., self._undriven] = 0  # what is left is rounding
             base_acceleration, wrenches = caused
-            base_acceleration = state.base.true_acceleration(base_acceleration)
+            everyone = state.everyone(qdd)
+            if self.robot.loops:
+                wrenches = with_loops_closed(self.robot, state, everyone, base_acceleration, forces + lost)
             reactions = self._in_link_frames(wrenches)
+            base_acceleration = state.base.true_acceleration(base_acceleration)
         return Answer(
             filled(qdd, state.batch),
             filled(efforts, state.batch),
+            JointMotion(*(filled(values, state.batch) for values in (state.q, state.qd, everyone))),
             filled(base_acceleration, state.batch) if self.robot.moving_base else None,
             filled(reactions, state.batch, axes=2),
         )
@@ -148,33 +164,35 @@ class Dynamics:
 
         Source: Khalil, sections 3.3.1 and 7.1.
         """
-        return self._computed(
-            "inertia_matrix", {"q": self._joints("positions", q)}, None, lambda: self._inertia_matrix(q)
-        )
+        q = self._positions(q)
+        return self._computed("inertia_matrix", {"q": q}, None, lambda: self._inertia_matrix(q))
 
     def _inertia_matrix(self, q):
-        q = self.expand(q)
-        P = self._projection
+        configuration = self._configurations.at(q)
+        P = projection(configuration.G, self._base_rows)
         with np.errstate(all="ignore"):
-            return filled(P.T @ inertia_matrix(self.robot, q) @ P, q.shape[:-1], axes=2)
+            A = inertia_matrix(self.robot, configuration.q)
+            return filled(np.swapaxes(P, -1, -2) @ A @ P, q.shape[:-1], axes=2)
 
     def gravity(self, q, *, base=None):
         """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
+        q = self._positions(q)
 
         def recursion():
             state = self._state(q, np.zeros(len(self.joint_names)), base)
             return self._bias(state, base, np.zeros(6), state.base.at_rest)
 
-        return self._computed("gravity", {"q": self._joints("positions", q)}, {"base": base}, recursion)
+        return self._computed("gravity", {"q": q}, {"base": base}, recursion)
 
     def coriolis(self, q, qd, *, base=None):
         """C(q, q̇)q̇ alone (..., n): neither gravity nor friction; with a moving base (..., 6 + n), the base first."""
+        q = self._positions(q)
 
         def recursion():
             state = self._state(q, qd, base)
             return self._bias(state, base, state.base.twist, np.zeros(6))
 
-        given = {"q": self._joints("positions", q), "qd": self._joints("velocities", qd)}
+        given = {"q": q, "qd": self._joints("velocities", qd)}
         return self._computed("coriolis", given, {"base": base}, recursion)
 
     def _computed(self, model, given, question, recursion):
@@ -202,18 +220,22 @@ class Dynamics:
         found = run_program(program, arguments, common_batch(*arguments))
         return recursion() if found is None else found
 
-    def friction(self, qd):
-        """Viscous and Coulomb friction alone (..., n) [N m or N]; none at rest."""
-        qd = self._joints("velocities", qd)
+    def friction(self, qd, q=None):
+        """Viscous and Coulomb friction alone (..., n) [N m or N], of passive joints too; none at rest.
+
+        q: where the robot has loops it has a part in it, else it may be left out.
+        """
+        qd, configuration = self._joints("velocities", qd), self._somewhere(q)
         with np.errstate(all="ignore"):
-            return filled(friction(self.robot, qd @ self._S.T) @ self._S, qd.shape[:-1])
+            found = configuration.gathered(friction(self.robot, configuration.rates(qd)))
+        return filled(found, common_batch(qd, None if q is None else configuration.q))
 
     def elasticity(self, q, qd):
         """What springs and dampers at the joints demand, alone (..., n): k (q - q₀) + damping · q̇ [N m or N]."""
-        q, qd = self.expand(q), self.expand_rates(qd)
+        qd, configuration = self._joints("velocities", qd), self._configurations.at(q)
         with np.errstate(all="ignore"):
-            found = spring_force(self.robot, q, qd) @ self._S
-        return filled(found, common_batch(q, qd))
+            found = configuration.gathered(spring_force(self.robot, configuration.q, configuration.rates(qd)))
+        return filled(found, common_batch(configuration.q, qd))
 
     def equilibrium(self, q, *, base=None, external_wrenches=None):
         """The Equilibrium in which the joints without motor come to rest, the others held where q (..., n) has them.
@@ -228,20 +250,23 @@ class Dynamics:
             raise QuestionError("an equilibrium is at rest: leave the twist out of Base")
         acceleration = state.base.at_rest if state.base.acceleration is None else state.base.acceleration
         stable = np.True_
-        q = self._joints("positions", q)
         with np.errstate(all="ignore"):
             if len(self._undriven):
-                found = balance(self.robot, self._S, self._offset, self._undriven, q, acceleration, state.wrenches)
+                found = balance(self.robot, self._beside(state.q), state.q[..., self._configurations.independent],
+                                self._undriven, acceleration, state.wrenches)  # fmt: skip
                 refuse_unbalanced(found, self.undriven_joint_names)
-                q, stable = found.q, found.stable
-            everyone = q @ self._S.T + self._offset
-            rest = np.zeros_like(everyone)
-            sweep = sweep_forward(self.robot, everyone, rest, np.zeros(6), state.wrenches)
+                state, stable = replace(state, configuration=found.configuration), found.stable
+            rest = np.zeros_like(state.q)
+            sweep = sweep_forward(self.robot, state.q, rest, np.zeros(6), state.wrenches)
             forces, wrenches = inverse_dynamics(self.robot, sweep, rest, acceleration)
-            efforts = (forces + spring_force(self.robot, everyone, rest)) @ self._S
+            forces = forces + spring_force(self.robot, state.q, rest)
+            efforts = state.configuration.gathered(forces)
             efforts[..., self._undriven] = 0
+            if self.robot.loops:
+                wrenches = with_loops_closed(self.robot, state, rest, acceleration, forces)
         return Equilibrium(
-            filled(q, state.batch),
+            filled(state.q[..., self._configurations.independent], state.batch),
+            filled(state.q, state.batch),
             filled(efforts, state.batch),
             filled(self._in_link_frames(wrenches), state.batch, axes=2),
             np.array(np.broadcast_to(stable, state.batch)),
@@ -256,24 +281,55 @@ class Dynamics:
         return filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
 
     def expand(self, q):
-        """Positions (..., all joints) of all joints, from those of the independent ones."""
-        return self._joints("positions", q) @ self._S.T + self._offset
+        """Positions (..., all joints) of all joints, from those of the independent ones; loops are closed."""
+        return self._configurations.closed(q)
 
-    def expand_rates(self, rates):
-        """Velocities or accelerations (..., all joints) of all joints, from those of the independent ones."""
-        return self._joints("rates", rates) @ self._S.T
+    def expand_rates(self, qd, q=None):
+        """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`."""
+        return self._somewhere(q).rates(self._joints("velocities", qd))
 
-    def gather_efforts(self, efforts):
-        """What efforts (..., all joints) amount to on the independent joints (..., n)."""
+    def expand_accelerations(self, qdd, q=None, qd=None):
+        """Accelerations (..., all joints) of all joints, from those of the independent ones.
+
+        q, qd: where the robot has loops they have a part in it, else they may be left out.
+        """
+        configuration, qdd = self._somewhere(q), self._joints("accelerations", qdd)
+        if self.robot.loops and qd is None:
+            raise QuestionError("accelerations of joints in loops depend on velocities: give qd")
+        drift = configuration.drift(configuration.rates(self._joints("velocities", qd))) if self.robot.loops else 0
+        return configuration.rates(qdd) + drift
+
+    def gather_efforts(self, efforts, q=None):
+        """What efforts (..., all joints) amount to on the independent joints (..., n). q: as for `friction`."""
         everyone = f"joints ({', '.join(self.all_joint_names)})"
-        return finite("efforts", efforts, len(self.all_joint_names), everyone) @ self._S
+        return self._somewhere(q).gathered(finite("efforts", efforts, len(self.all_joint_names), everyone))
 
     def spread_efforts(self, efforts):
         """Efforts (..., all joints) that amount to `efforts` (..., n): nothing on joints that depend on others."""
         efforts = self._joints("efforts", efforts)
         spread = np.zeros((*efforts.shape[:-1], len(self.all_joint_names)))
-        spread[..., self._independent] = efforts
+        spread[..., self._configurations.independent] = efforts
         return spread
+
+    def _positions(self, q):
+        """What programs take as q, checked: (..., n), or of all joints (..., all joints) where there are loops."""
+        return self._configurations.closed(q) if self.robot.loops else self._joints("positions", q)
+
+    def _somewhere(self, q):
+        """The Configuration at q, or at any, where it makes no difference."""
+        if q is None and self.robot.loops:
+            raise QuestionError(f"{self.robot.name!r} has loops: this depends on positions, give q")
+        return self._configurations.at(np.zeros(len(self.joint_names)) if q is None else q)
+
+    def _beside(self, everyone):
+        """Configurations near positions (..., all joints), as a function of those (..., n) of independent joints."""
+
+        def configured(q):
+            near = np.array(np.broadcast_to(everyone, (*q.shape[:-1], everyone.shape[-1])))
+            near[..., self._configurations.independent] = q
+            return self._configurations.at(near if self.robot.loops else q)
+
+        return configured
 
     def _joints(self, what, values, left_open=()):
         everyone = f"joints ({', '.join(self.joint_names)})"
@@ -287,17 +343,19 @@ class Dynamics:
         )
 
     def _state(self, q, qd, base, external_wrenches=None, given=None):
-        q, qd = self._joints("positions", q), self._joints("velocities", qd)
+        configuration, qd = self._configurations.at(q), self._joints("velocities", qd)
         base = base_state(self.robot, base)
         wrenches = link_wrenches(self.robot, external_wrenches)
-        batch = common_batch(q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
-        return State(q @ self._S.T + self._offset, qd @ self._S.T, base, wrenches, batch)
+        told = (configuration.q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
+        batch = common_batch(*told)
+        return State(configuration, configuration.rates(qd), base, wrenches, batch, self.joint_names)
 
     def _bias(self, state, base, twist, acceleration):
         if base is not None and base.acceleration is not None:
             raise QuestionError("the acceleration of the base has no part in this term: leave it out of Base")
         with np.errstate(all="ignore"):
-            return filled(bias(self.robot, state.q, state.qd, twist, acceleration) @ self._projection, state.batch)
+            H = bias(self.robot, state.q, state.qd, twist, acceleration, drift=state.drift)
+            return filled(apply_transposed(projection(state.configuration.G, self._base_rows), H), state.batch)
 
     def _in_link_frames(self, wrenches):
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""

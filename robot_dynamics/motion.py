@@ -1,6 +1,7 @@
 """Motion from forces and forces from motion: which recursion a question takes."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,52 +15,88 @@ from robot_dynamics.newton_euler.walker_orin import bias
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A question as the recursions take it: q, qd (..., all joints); base: BaseState; wrenches: by link number; batch:
-    the shape of the batch axes."""
+    """A question as the recursions take it.
 
-    q: np.ndarray
+    configuration: the Configuration; qd: (..., all joints); base: BaseState; wrenches: by link number; batch: the shape
+    of the batch axes; names: of the independent joints.
+    """
+
+    configuration: object
     qd: np.ndarray
     base: object
     wrenches: dict
     batch: tuple
+    names: tuple
+
+    @property
+    def q(self):
+        """(..., all joints)."""
+        return self.configuration.q
+
+    @cached_property
+    def drift(self):
+        """Accelerations (..., all joints) where the independent ones are not accelerated."""
+        return self.configuration.drift(self.qd)
+
+    @property
+    def depends(self):
+        """Whether some joints depend on others."""
+        return len(self.names) < self.q.shape[-1]
+
+    def everyone(self, qdd):
+        """Accelerations (..., all joints) from those (..., n) of the independent ones."""
+        return self.configuration.rates(qdd) + self.drift
 
 
-def moved(robot, S, state, unknown, accelerations, forces):
+def moved(robot, state, unknown, accelerations, forces):
     """(accelerations (..., n), forces (..., all joints), base acceleration, link wrenches).
 
-    S: (all joints, n) from independent joints to all; state: State; unknown: numbers of the independent joints whose
-    acceleration is unknown; accelerations: (..., n), those that are known; forces: (..., n) where accelerations are
-    unknown, less friction and springs.
+    unknown: numbers of the independent joints whose acceleration is unknown; accelerations: (..., n), those that are
+    known; forces: (..., n) where accelerations are unknown, less friction and springs.
     """
-    base, depends = state.base, S.shape[1] < S.shape[0]
-    if depends and len(unknown):
-        accelerations, unknown = _moved_together(robot, S, state, unknown, accelerations, forces), ()
+    base = state.base
+    if state.depends and len(unknown):
+        accelerations, unknown = _moved_together(robot, state, unknown, accelerations, forces), ()
     sweep = sweep_forward(robot, state.q, state.qd, base.twist, state.wrenches)
-    everyone = accelerations @ S.T
+    everyone = state.everyone(accelerations)
     if not len(unknown) and base.acceleration is not None:
         forces, wrenches = inverse_dynamics(robot, sweep, everyone, base.acceleration)
         return accelerations, forces, base.acceleration, wrenches
-    known = [None if number in unknown else column for number, column in enumerate(_columns(everyone))]
-    pushed = [column if number in unknown else None for number, column in enumerate(_columns(forces @ S.T))]
+    known, pushed = ([array[..., number : number + 1] if (number in unknown) is asked else None
+                      for number in range(len(robot.joints))]
+                     for array, asked in ((everyone, False), (forces, True)))  # fmt: skip
     found = recursion.solve(robot, sweep, known, pushed, base.acceleration)
     _refuse_singular(robot, found)
-    found_accelerations = accelerations if depends else found.accelerations
+    found_accelerations = accelerations if state.depends else found.accelerations
     return found_accelerations, found.forces, found.base_acceleration, found.wrenches
 
 
-def _moved_together(robot, S, state, unknown, accelerations, forces):
+def _moved_together(robot, state, unknown, accelerations, forces):
     """Accelerations of the independent joints of a robot in which some depend on others, as for `moved`."""
-    base = state.base
+    base, G = state.base, state.configuration.G
     known = np.zeros(6) if base.acceleration is None else base.acceleration
-    H = bias(robot, state.q, state.qd, base.twist, known, state.wrenches)
+    H = bias(robot, state.q, state.qd, base.twist, known, state.wrenches, state.drift)
     if base.acceleration is not None:
         H = H[..., -len(robot.joints) :]
-    found, pivots, diagonal = coupled_accelerations(robot, S, state.q, unknown, accelerations, forces, H)
-    independent = [joint.name for joint in robot.joints if joint.mimic is None]
-    names = tuple(independent[number] for number in reversed(unknown)) + BASE_ROWS
+    found, pivots, diagonal = coupled_accelerations(robot, G, state.q, unknown, accelerations, forces, H)
+    names = tuple(state.names[number] for number in reversed(unknown)) + BASE_ROWS
     for pivot, k, name in zip(pivots, range(len(pivots)), names, strict=False):
         refuse_singular(pivot, diagonal[..., k], name)
-    return found[..., -S.shape[1] :]
+    return found[..., -G.shape[-1] :]
+
+
+def with_loops_closed(robot, state, everyone, base_acceleration, demands):
+    """Link wrenches (..., 1 + joints, 6) of a motion with what the ends of the loops exert on each other.
+
+    everyone: accelerations (..., all joints); base_acceleration: (..., 6), gravity taken off; demands: (..., all
+    joints), what the tree asks of its joints for this motion, friction and springs counted: what it asks of those that
+    the loops place, the loops exert.
+    """
+    wrenches = dict(state.wrenches)
+    for link, wrench in state.configuration.loop_wrenches(demands):
+        wrenches[link] = wrenches.get(link, 0) - wrench
+    sweep = sweep_forward(robot, state.q, state.qd, state.base.twist, wrenches)
+    return inverse_dynamics(robot, sweep, everyone, base_acceleration)[1]
 
 
 def _refuse_singular(robot, found):
@@ -77,8 +114,3 @@ def _refuse_singular(robot, found):
             refuse_singular(folded.resistances[j], diagonal.max(axis=-1, keepdims=True), f"joint {joint.name!r}")
     for k, pivot in enumerate(found.base_pivots):
         refuse_singular(pivot, folded.inertias[0][..., k, k], BASE_ROWS[k])
-
-
-def _columns(array):
-    """The columns (..., 1) of (..., n) as a list of n."""
-    return np.split(array, array.shape[-1], axis=-1) if array.shape[-1] else []

@@ -19,8 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_dynamics.newton_euler.kinematics import place
-from robot_dynamics.newton_euler.recursion import join
-from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, screw
+from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, join, screw
 
 
 class AugmentedBodies(NamedTuple):

@@ -1,49 +1,176 @@
-"""Joints that depend linearly on others (mimic joints, gears): q_all = S q + offset."""
+"""How all joints of a robot follow from the independent ones: mimic joints and gears, and the loops.
+
+    q_all = S t + offset,   t the joints that follow no other one
+    q̇_all = G q̇,   q̈_all = G q̈ + drift,   Γ = Gᵀ Γ_all
+
+Without loops G = S and the drift is zero. Loops place some of the joints t, the dependent ones, with J from
+`loop_equations`: J_d ṫ_d = -J_i q̇, and J_d ẗ_d = -J_i q̈ - J̇ q̇ (Khalil, sections 2.2 and 4).
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robot_dynamics.newton_euler import linear
+from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
+from robot_dynamics.newton_euler.loops import characteristic_length, loop_equations
+from robot_dynamics.newton_euler.mobility import mobility
+from robot_dynamics.newton_euler.screw import apply
+
+LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the closed configuration that is known
+MOST_STRIDES = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling:
+    """What `coupling` finds out of a robot.
+
+    S (joints, m), offset (joints,): from the joints `free` (numbers) that follow no other one. independent, dependent:
+    numbers of joints; among the free ones they have places in the columns of S, `chosen` and `placed`. closed (m,):
+    positions of the free joints at which the loops are closed.
+    """
+
+    robot: object
+    S: np.ndarray
+    offset: np.ndarray
+    free: list
+    chosen: np.ndarray
+    placed: np.ndarray
+    closed: np.ndarray | None
+
+    @property
+    def independent(self):
+        return [self.free[k] for k in self.chosen]
+
+    @property
+    def dependent(self):
+        return [self.free[k] for k in self.placed]
+
+    def seen_in(self, robot):
+        """The same Coupling for the same robot with other frames or inertias."""
+        return replace(self, robot=robot)
+
+    def tangent(self, q):
+        """(G (..., joints, n), the Orthogonal of J_d or None) at closed positions q (..., joints) of all joints."""
+        if not len(self.placed):
+            return self.S, None
+        J = loop_equations(self.robot, q).jacobian @ self.S
+        factors = linear.orthogonal(J[..., self.placed])
+        columns = [linear.least_squares(factors, -J[..., k]) for k in self.chosen]
+        share = (
+            np.stack(np.broadcast_arrays(*columns), axis=-1)
+            if columns
+            else np.zeros((*J.shape[:-2], len(self.placed), 0))
+        )
+        return self.S[:, self.chosen] + self.S[:, self.placed] @ share, factors
+
+    def drift(self, q, qd, factors):
+        """Accelerations (..., joints) of all joints with the independent ones not accelerated; q, qd (..., joints)."""
+        if factors is None:
+            return np.zeros(len(self.S), dtype=int)
+        turned = loop_equations(self.robot, q, qd).drift
+        return linear.least_squares(factors, -turned) @ self.S[:, self.placed].T
+
+    def step(self, t):
+        """(residual (..., rows), Newton's step (..., dependent), quality (..., 1)) of the loops at t (..., m).
+
+        quality: the least part of the squared length of a column of J_d that is its own: 0 where J_d is singular.
+        """
+        equations = loop_equations(self.robot, t @ self.S.T + self.offset)
+        factors = linear.orthogonal(equations.jacobian @ self.S[:, self.placed])
+        quality = (factors.pivots / factors.lengths).min(axis=-1, keepdims=True)
+        return equations.residual, linear.least_squares(factors, -equations.residual), quality
+
+    def close(self, q, seed=None, step=None):
+        """(t (N, m), residual (N, rows), quality (N,)): positions of the free joints that close the loops.
+
+        q: (N, n) of the independent ones; seed: (N, dependent), from where the others go to the nearest closed
+        configuration, else from the one that is known, whole turns of the independent joints left out, along the
+        straight way to q. step: what computes `step`, this object's own if None.
+        """
+        step = step or self.step
+        longest = LONGEST_STEP * self._reach(self.placed)
+        t = np.empty((len(q), len(self.free)))
+        if seed is None:
+            t[:], target = self.closed, self._without_turns(q)
+            way = target - self.closed[self.chosen]
+            strides = np.ceil(np.abs(way / self._reach(self.chosen)).max(initial=0) / LONGEST_STRIDE)
+            for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
+                t[:, self.chosen] = self.closed[self.chosen] + share * way
+                t, _ = newton(step, t, self.placed, longest, iterations=2)
+            t[:, self.chosen] = target
+        else:
+            t[:, self.chosen], t[:, self.placed] = q, seed
+        t, (residual, _, quality) = newton(step, t, self.placed, longest)
+        t[:, self.chosen] = q
+        return t, residual, quality[:, 0]
+
+    def condition(self, t):
+        """The condition number of J_d at positions t (m,)."""
+        J = loop_equations(self.robot, self.S @ t + self.offset).jacobian @ self.S[:, self.placed]
+        return float(np.linalg.cond(J))
+
+    def _reach(self, places):
+        """What counts as much as a radian [rad or m] of each of the free joints at these places."""
+        unit = characteristic_length(self.robot)
+        return np.array([unit if self.robot.joints[self.free[k]].prismatic else 1.0 for k in places])
+
+    def _without_turns(self, q):
+        """q with the whole turns taken off by which revolute joints are away from the configuration that is known."""
+        known, turning = self.closed[self.chosen], [not joint.prismatic for joint in self.robot.joints]
+        moved = [self.S[:, k] != 0 for k in self.chosen]  # with those that follow it a joint comes back to where it was
+        back = [np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
+                for k, rows in zip(self.chosen, moved, strict=True)]  # fmt: skip
+        return q - np.where(back, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
 
 
 def coupling(robot):
-    """(S, offset, independent): (joints, m) and (joints,), and the numbers of the m joints that depend on no other."""
+    """The Coupling of a robot. Raises DescriptionError where its loops and motors do not fit together."""
     joints = len(robot.joints)
-    independent = [number for number, (leader, _, _) in enumerate(robot.leaders) if leader == number]
-    column = {number: place for place, number in enumerate(independent)}
-    S, offset = np.zeros((joints, len(independent))), np.zeros(joints)
+    free = [number for number, (leader, _, _) in enumerate(robot.leaders) if leader == number]
+    column = {number: place for place, number in enumerate(free)}
+    S, offset = np.zeros((joints, len(free))), np.zeros(joints)
     for number, (leader, multiplier, shift) in enumerate(robot.leaders):
         S[number, column[leader]] = multiplier
         offset[number] = shift
-    return S, offset, independent
+    if not robot.loops:
+        return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None)
+    placed, closed = mobility(robot, S, offset, free)
+    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed)
 
 
-def projection(S, base_rows):
-    """From rows of all joints to rows of the independent ones, the rows of a moving base in front kept."""
-    matrix = np.eye(base_rows + S.shape[0], base_rows + S.shape[1])
-    matrix[base_rows:, base_rows:] = S
+def projection(G, base_rows):
+    """From rows of all joints to rows of the independent ones (..., base + joints, base + n), the rows of a moving base
+    in front kept, for G (..., joints, n)."""
+    if not base_rows:
+        return G
+    matrix = np.zeros((*G.shape[:-2], base_rows + G.shape[-2], base_rows + G.shape[-1]), dtype=G.dtype)
+    matrix[..., :base_rows, :base_rows] = np.eye(base_rows, dtype=int)
+    matrix[..., base_rows:, base_rows:] = G
     return matrix
 
 
-def coupled_accelerations(robot, S, q, unknown, accelerations, forces, bias):
-    """(accelerations, pivots, diagonal): [V̇0; q̈] (..., 6 + m) of a moving base and the independent joints, or q̈
-    (..., m) alone; and what tells whether the matrix that gave them was positive definite: its pivots, a list, beside
+def coupled_accelerations(robot, G, q, unknown, accelerations, forces, bias):
+    """(accelerations, pivots, diagonal): [V̇0; q̈] (..., 6 + n) of a moving base and the independent joints, or q̈
+    (..., n) alone; and what tells whether the matrix that gave them was positive definite: its pivots, a list, beside
     its diagonal (..., k).
 
-    q: (..., joints) of all joints; unknown: numbers of the independent joints whose acceleration is unknown;
-    accelerations: (..., m), those that are known; forces: (..., m) on the independent ones, Sᵀ Γ, those that count
-    where the acceleration is unknown; bias: H (..., joints), or with the six rows of a moving base in front where its
-    acceleration is unknown.
+    G: (..., joints, n); q: (..., joints) of all joints; unknown: numbers of the independent joints whose acceleration
+    is unknown; accelerations: (..., n), those that are known; forces: (..., n) on the independent ones, Gᵀ Γ, those
+    that count where the acceleration is unknown; bias: H (..., joints) with the drift in it, or with the six rows of a
+    moving base in front where its acceleration is unknown.
 
-    The rows of the unknown accelerations of Sᵀ A S q̈ = Sᵀ (Γ - H): Khalil, section 4 (A_c and H_c by Walker and Orin)
-    with a constant G = S; and section 6, second row of the general form, where only some are unknown.
+    The rows of the unknown accelerations of Gᵀ A G q̈ = Gᵀ (Γ - H): Khalil, section 4 (A_c and H_c by Walker and
+    Orin); and section 6, second row of the general form, where only some are unknown.
     """
     rows = bias.shape[-1]
-    base = rows - S.shape[0]
+    base = rows - G.shape[-2]
     A = inertia_matrix(robot, q)[..., -rows:, -rows:]
-    if S.shape[0] > S.shape[1]:
-        P = projection(S, base)
-        A, bias = P.T @ A @ P, bias @ P
+    if G.shape[-2] > G.shape[-1]:
+        P = projection(G, base)
+        transposed = np.swapaxes(P, -1, -2)
+        A, bias = transposed @ A @ P, apply(transposed, bias)
     size = A.shape[-1]
     # from the tips to the base: so the zeros between branches stay zero in the factors
     sought = np.array([*(base + number for number in reversed(unknown)), *range(base)], dtype=int)

@@ -28,21 +28,23 @@ AT_REST = 1e-14  # nothing moves for less than this part of the weights, wrenche
 
 
 class Balance(NamedTuple):
-    """q: (..., m) positions of the independent joints; stable: (...), for loads that have a potential: wrenches, which
-    turn with their links, may excite what this calls stable; left: (..., free) the forces that are left at the joints
-    without motor, and scale: (..., free), the weights, wrenches and springs' forces at 1 rad or m to compare with."""
+    """configuration: positions of all joints, and how they move together; stable: (...), for loads that have a
+    potential: wrenches, which turn with their links, may excite what this calls stable; left: (..., free) the forces
+    that are left at the joints without motor, and scale: (..., free), the weights, wrenches and springs' forces at 1
+    rad or m to compare with."""
 
-    q: np.ndarray
+    configuration: object
     stable: np.ndarray
     left: np.ndarray
     scale: np.ndarray
 
 
-def balance(robot, S, offset, free, q, base_acceleration, external_wrenches):
+def balance(robot, configured, q, free, base_acceleration, external_wrenches):
     """The Balance of a robot whose independent joints `free` (numbers) have no motor.
 
-    q: (..., m) positions of the independent joints, those of `free` where the search begins; S, offset: as `coupling`
-    gives them; base_acceleration: (..., 6), gravity taken off; external_wrenches: {link number: jf_e (..., 6)}.
+    configured: gives for positions (..., m) of the independent joints the configuration, with q (..., joints) of all
+    joints and G (..., joints, m); q: (..., m), those of `free` where the search begins; base_acceleration: (..., 6),
+    gravity taken off; external_wrenches: {link number: jf_e (..., 6)}.
     """
 
     def independent(q_free):
@@ -52,20 +54,22 @@ def balance(robot, S, offset, free, q, base_acceleration, external_wrenches):
 
     def forces(q_free):
         """What is out of balance at the free joints (..., free)."""
-        positions = independent(q_free) @ S.T + offset
-        rest = np.zeros_like(positions)
-        held = bias(robot, positions, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches)
-        return ((held[..., -len(robot.joints) :] + spring_force(robot, positions, rest)) @ S)[..., free]
+        there = configured(independent(q_free))
+        rest = np.zeros_like(there.q)
+        held = bias(robot, there.q, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches)
+        return there.gathered(held[..., -len(robot.joints) :] + spring_force(robot, there.q, rest))[..., free]
 
     found = q[..., free]
     left = forces(found)
     found = np.array(np.broadcast_to(found, left.shape))  # the batch of base and wrenches too
-    scale = _scale(robot, S[:, free], base_acceleration, external_wrenches)
-    slides = np.array([all(robot.joints[row].prismatic for row in np.flatnonzero(S[:, k])) for k in free])
+    G = configured(q).G[..., free]
+    scale = _scale(robot, G, base_acceleration, external_wrenches)
+    turning = np.array([not joint.prismatic for joint in robot.joints])
+    slides = ~np.any((G != 0) & turning[:, None], axis=tuple(range(G.ndim - 1)))
     longest = np.where(slides, LONGEST_SLIDE, LONGEST_TURN)
     for _ in range(ITERATIONS):
         if not np.isfinite(left).all():
-            return Balance(independent(found), np.False_, left, scale)
+            return Balance(configured(independent(found)), np.False_, left, scale)
         before = found
         rests = (np.abs(left) <= AT_REST * scale).all(axis=-1)
         found, left = _moved(forces, found, left, _stiffness(forces, found), rests, longest)
@@ -73,18 +77,18 @@ def balance(robot, S, offset, free, q, base_acceleration, external_wrenches):
             break
     _, scaled = _by_own_stiffness(_stiffness(forces, found))
     smallest = np.linalg.eigvalsh((scaled + np.swapaxes(scaled, -1, -2)) / 2).min(axis=-1)
-    return Balance(independent(found), smallest > NEUTRAL, left, scale)
+    return Balance(configured(independent(found)), smallest > NEUTRAL, left, scale)
 
 
-def _scale(robot, S, base_acceleration, external_wrenches):
+def _scale(robot, G, base_acceleration, external_wrenches):
     """(..., free) what is to balance: weights, wrenches, and the force of the joint's own springs at 1 rad or m."""
     stiffness = np.array([joint.spring.stiffness if joint.spring else 0.0 for joint in robot.joints])
     masses = np.array([link.inertia.mass for link in robot.links])
     for number in range(len(robot.joints), 0, -1):  # what hangs on each joint
         masses[robot.joints[number - 1].antecedent] += masses[number]
-    outside = (masses[1:] @ np.abs(S)) * np.linalg.norm(base_acceleration, axis=-1, keepdims=True)
+    outside = (masses[1:] @ np.abs(G)) * np.linalg.norm(base_acceleration, axis=-1, keepdims=True)
     outside = outside + sum(np.linalg.norm(wrench, axis=-1, keepdims=True) for wrench in external_wrenches.values())
-    return outside + stiffness @ (S * S)
+    return outside + stiffness @ (G * G)
 
 
 def _by_own_stiffness(K):

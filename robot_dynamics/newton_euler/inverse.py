@@ -1,8 +1,7 @@
 """The inverse dynamic model in two sweeps: the cheap way where every acceleration is known, the base's too."""
 
 from robot_dynamics.newton_euler.kinematics import along, along_axis
-from robot_dynamics.newton_euler.recursion import join, pile
-from robot_dynamics.newton_euler.screw import apply, twist_to_successor, wrench_to_antecedent
+from robot_dynamics.newton_euler.screw import apply, join, pile, twist_to_successor, wrench_to_antecedent
 
 
 def inverse_dynamics(robot, sweep, qdd, base_acceleration):

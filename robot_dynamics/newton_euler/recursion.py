@@ -17,6 +17,8 @@ from robot_dynamics.newton_euler.screw import (
     apply,
     dot,
     inertia_to_antecedent,
+    join,
+    pile,
     twist_to_successor,
     wrench_to_antecedent,
 )
@@ -126,13 +128,3 @@ def unfold_forward(robot, sweep, folded, accelerations, forces, base_acceleratio
             ground = ground + wrench_to_antecedent(R, P, wrench)
     wrenches[0] = ground
     return join(found_accelerations), join(found_forces), base_acceleration, pile(wrenches)
-
-
-def join(columns):
-    """Columns (..., 1) side by side: (..., number of columns)."""
-    return np.concatenate(np.broadcast_arrays(*columns), axis=-1) if columns else np.zeros(0)
-
-
-def pile(screws):
-    """Screws (..., 6) as rows: (..., number of screws, 6)."""
-    return np.stack(np.broadcast_arrays(*screws), axis=-2)

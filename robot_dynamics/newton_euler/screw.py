@@ -61,3 +61,13 @@ def inertia_to_antecedent(R, P, J):
     top = np.concatenate(np.broadcast_arrays(A, upper), axis=-1)
     bottom = np.concatenate(np.broadcast_arrays(np.swapaxes(upper, -1, -2), lower), axis=-1)
     return np.concatenate([top, bottom], axis=-2)
+
+
+def join(columns):
+    """Columns (..., 1) side by side: (..., number of columns)."""
+    return np.concatenate(np.broadcast_arrays(*columns), axis=-1) if columns else np.zeros(0)
+
+
+def pile(screws):
+    """Screws (..., 6) as rows: (..., number of screws, 6)."""
+    return np.stack(np.broadcast_arrays(*screws), axis=-2)

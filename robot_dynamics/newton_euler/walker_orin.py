@@ -27,14 +27,14 @@ def inertia_matrix(robot, q):
     return np.moveaxis(_rows(robot, forces, wrenches, unit.shape[:1] + q.shape[:-1]), 0, -1)
 
 
-def bias(robot, q, qd, base_twist=AT_REST, base_acceleration=AT_REST, external_wrenches=None):
-    """H (..., m): what the inverse model asks for when all accelerations are 0.
+def bias(robot, q, qd, base_twist=AT_REST, base_acceleration=AT_REST, external_wrenches=None, drift=None):
+    """H (..., m): what the inverse model asks for when all accelerations are 0, or those of joints `drift` (..., n).
 
     base_acceleration: (..., 6), what H is to hold of gravity: 0 for Coriolis and centrifugal terms alone, -g turned
     into frame 0 for gravity too; with qd and base_twist zero, for gravity alone.
     """
     sweep = sweep_forward(robot, q, qd, base_twist, external_wrenches or {})
-    forces, wrenches = inverse_dynamics(robot, sweep, np.zeros_like(q), base_acceleration)
+    forces, wrenches = inverse_dynamics(robot, sweep, np.zeros_like(q) if drift is None else drift, base_acceleration)
     batch = np.broadcast_shapes(q.shape[:-1], wrenches.shape[:-2])
     return _rows(robot, forces, wrenches, batch)
 

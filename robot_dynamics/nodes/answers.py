@@ -8,10 +8,12 @@ from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.nodes.messages import (
     nanoseconds,
+    read_accelerations,
     read_base,
     read_base_point,
     read_efforts,
-    read_joint_field,
+    read_positions,
+    read_velocities,
     read_wrenches,
     require_empty,
     write_base,
@@ -35,11 +37,12 @@ def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
     order = match_joints(request.trajectory.joint_names, dynamics, namespace)
     times = _times(points, (asked,), "it is what is asked for")
-    q, qd = (read_joint_field(points, field, order) for field in ("positions", "velocities"))
+    q = read_positions(points, order)
+    qd = read_velocities(points, order, q)
     if given == "effort":
-        question = {"efforts": read_efforts(points, order)}
+        question = {"efforts": read_efforts(points, order, q)}
     else:
-        question = {"qdd": read_joint_field(points, "accelerations", order)}
+        question = {"qdd": read_accelerations(points, order, q, qd)}
     answer = dynamics.solve(
         q,
         qd,
@@ -50,9 +53,7 @@ def _complete(request, response, dynamics, namespace, given, asked):
     response.trajectory = write_trajectory(
         request.trajectory,
         order,
-        dynamics.expand(q),
-        dynamics.expand_rates(qd),
-        dynamics.expand_rates(answer.accelerations),
+        *answer.motion,
         dynamics.spread_efforts(answer.efforts),
     )
     if robot.moving_base:
@@ -79,15 +80,13 @@ def answer_static_equilibrium(request, response, dynamics, namespace):
     order = match_joints(request.trajectory.joint_names, dynamics, namespace)
     times = _times(points, ("velocities", "accelerations", "effort"), "it is part of the answer")
     found = dynamics.equilibrium(
-        read_joint_field(points, "positions", order),
+        read_positions(points, order),
         base=read_base(request.base, times, robot, namespace, at_rest=True),
         external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
     )
     rest = np.zeros((len(points), len(dynamics.all_joint_names)))
     efforts = dynamics.spread_efforts(found.efforts)
-    response.trajectory = write_trajectory(
-        request.trajectory, order, dynamics.expand(found.positions), rest, rest, efforts
-    )
+    response.trajectory = write_trajectory(request.trajectory, order, found.joint_positions, rest, rest, efforts)
     response.stable = found.stable.tolist()
     if request.reaction_wrenches:
         response.reactions = write_reactions(points, found.reactions, order)
@@ -102,11 +101,12 @@ def answer_dynamics_terms(request, response, dynamics, namespace):
     for place, message, fields in (("state", state, ("accelerations", "effort")), ("base", base, ("accelerations",))):
         for field in fields:
             require_empty(message, field, place, "the terms do not depend on it")
-    q, qd = (read_joint_field([state], field, order, place="state")[0] for field in ("positions", "velocities"))
+    q = read_positions([state], order, place="state")
+    q, qd = q[0], read_velocities([state], order, q, place="state")[0]
     moving = read_base_point(base, dynamics.robot)
     rows = order.independent
     names = [dynamics.joint_names[row] for row in rows]
-    friction, elasticity = dynamics.friction(qd), dynamics.elasticity(q, qd)
+    friction, elasticity = dynamics.friction(qd, q), dynamics.elasticity(q, qd)
     if moving is not None:
         names, rows = [*BASE_ROWS, *names], np.concatenate([np.arange(6), rows + 6])
         friction, elasticity = (np.concatenate([np.zeros(6), term]) for term in (friction, elasticity))

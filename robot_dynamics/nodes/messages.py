@@ -21,16 +21,47 @@ AGREEMENT = 1e-6
 UNIT_QUATERNION = 1e-3  # how far the norm of a quaternion may be from 1: it is normalised, not guessed
 
 
-def read_joint_field(points, field, order, place="points[{}]"):
-    """Values (N, n) of a field (positions, velocities, accelerations) of trajectory points, for independent joints.
+def read_positions(points, order, place="points[{}]"):
+    """Positions of trajectory points: (N, n) of the independent joints, or, of a robot with loops, (N, all joints).
 
-    order: JointOrder. Where the message names joints that depend on others, their values must agree. place: where in
-    the message the points are, for errors.
+    order: JointOrder. Where the message names mimic joints, their values must agree. Joints that loops place are
+    searched for near the values that the message has for them; they come out where they are. place: where in the
+    message the points are, for errors.
     """
-    dynamics, everyone = order.dynamics, _field(points, field, order, place)
-    numbers = dynamics.robot.joint_numbers
-    independent = everyone[:, [numbers[name] for name in dynamics.joint_names]]
-    expected = dynamics.expand(independent) if field == "positions" else dynamics.expand_rates(independent)
+    dynamics, everyone = order.dynamics, _field(points, "positions", order, place)
+    independent = everyone[:, _numbers(dynamics.joint_names, order)]
+    expected = dynamics.expand(everyone if dynamics.robot.loops else independent)
+    looped = _numbers(dynamics.looped_joint_names, order)
+    everyone[:, looped] = expected[:, looped]
+    _require_agreement(everyone, expected, "positions", order, place)
+    return expected if dynamics.robot.loops else independent
+
+
+def read_velocities(points, order, q, place="points[{}]"):
+    """Velocities (N, n) of the independent joints at positions q; those of others must agree, where they are told."""
+    return _read_rates(points, "velocities", order, place, lambda rates: order.dynamics.expand_rates(rates, q))
+
+
+def read_accelerations(points, order, q, qd, place="points[{}]"):
+    """Accelerations (N, n) of the independent joints, as `read_velocities`."""
+    return _read_rates(
+        points, "accelerations", order, place, lambda rates: order.dynamics.expand_accelerations(rates, q, qd)
+    )
+
+
+def _read_rates(points, field, order, place, expand):
+    everyone = _field(points, field, order, place)
+    independent = everyone[:, _numbers(order.dynamics.joint_names, order)]
+    _require_agreement(everyone, expand(independent), field, order, place)
+    return independent
+
+
+def _numbers(names, order):
+    return [order.dynamics.robot.joint_numbers[name] for name in names]
+
+
+def _require_agreement(everyone, expected, field, order, place):
+    """Refuse values (N, all joints) that are not as others have it; what the message left out is nan, or not asked."""
     values, expected = everyone[:, order.numbers], expected[:, order.numbers]
     disagree = np.abs(values - expected) > AGREEMENT * np.maximum(1, np.abs(values))
     if disagree.any():
@@ -39,16 +70,27 @@ def read_joint_field(points, field, order, place="points[{}]"):
             f"{place.format(point)}.{field}: joint {order.asked[joint]!r} depends on others, which put it at "
             f"{expected[point, joint]:.9g}, not at {values[point, joint]:.9g}. Leave it out, or let it agree"
         )
-    return independent
 
 
-def read_efforts(points, order):
-    """Efforts (N, n) on the independent joints; what is given on joints that depend on others is counted there."""
-    return order.dynamics.gather_efforts(_field(points, "effort", order))
+def read_efforts(points, order, q):
+    """Efforts (N, n) on the independent joints; what is given on mimic joints is counted there."""
+    dynamics, everyone = order.dynamics, _field(points, "effort", order)
+    looped = _numbers(dynamics.looped_joint_names, order)
+    pushed = np.argwhere(np.nan_to_num(everyone[:, looped]))
+    if len(pushed):
+        point, place = pushed[0]
+        name, value = dynamics.looped_joint_names[place], everyone[point, looped[place]]
+        raise QuestionError(
+            f"points[{point}].effort: joint {name!r} has {value:g}, but no motor drives it: leave it "
+            "out, or give 0 or nan"
+        )
+    everyone[:, looped] = 0
+    return dynamics.gather_efforts(everyone, q)
 
 
 def _field(points, field, order, place="points[{}]"):
-    """Values (N, all joints) of a field, zero where the message has no value of a joint."""
+    """Values (N, all joints) of a field, zero where the message has no value of a joint; of joints that loops place,
+    nan says so too."""
     size = len(order.asked)
     columns = [getattr(point, field) for point in points]
     for number, column in enumerate(columns):
@@ -57,13 +99,16 @@ def _field(points, field, order, place="points[{}]"):
                 f"{place.format(number)}.{field} has {len(column)} values: {size} are needed, one for each joint"
             )
     values = np.array(columns, dtype=float).reshape(len(points), size)
+    looped = _numbers(order.dynamics.looped_joint_names, order)
     if field in ("accelerations", "effort"):  # of joints without motor nan says what is true: it cannot be given
-        values[np.isnan(values) & _without_motor(order)] = 0
-    if not np.isfinite(values).all():
-        point, joint = np.argwhere(~np.isfinite(values))[0]
+        values[np.isnan(values) & _without_motor(order) & ~np.isin(order.numbers, looped)] = 0
+    wrong = ~(np.isfinite(values) | (np.isnan(values) & np.isin(order.numbers, looped)))
+    if wrong.any():
+        point, joint = np.argwhere(wrong)[0]
         found = f"{place.format(point)}.{field}[{joint}] is {values[point, joint]}"
         raise QuestionError(f"{found}: a finite number is needed")
     everyone = np.zeros((len(points), len(order.dynamics.all_joint_names)))
+    everyone[:, looped] = np.nan
     everyone[:, order.numbers] = values
     return everyone
 

@@ -1,8 +1,9 @@
 """The models of a robot as straight-line programs, traced from the recursions of newton_euler.
 
 Arguments and results are those of Dynamics without its checks: arrays q, qd, qdd, efforts (n,) of the independent
-joints; for a moving base also `twist` (6,) and `gravity` (3,), both in the base frame, and `base_acceleration` (6,)
-where the base moves as told; external wrenches, one argument a link, in the link's own frame.
+joints, but q (all joints,) where the robot has loops, positions that close them, as Dynamics.expand gives them; for a
+moving base also `twist` (6,) and `gravity` (3,), both in the base frame, and `base_acceleration` (6,) where the base
+moves as told; external wrenches, one argument a link, in the link's own frame.
 """
 
 from dataclasses import replace
@@ -52,7 +53,7 @@ def inverse_model(robot, *, wrenches=(), told=False, guarded=False, gather=True)
     if unknown or model.base_is_free:
         base_acceleration, qdd = model.accelerations(unknown, qdd, -model.lost)
     forces, _ = model.forces(qdd, base_acceleration)
-    efforts = (forces + model.lost_everywhere) @ model.S
+    efforts = model.gathered(forces + model.lost_everywhere)
     results = {"efforts": efforts * np.array([int(k not in unknown) for k in range(model.size)], dtype=int)}
     if unknown:
         results["accelerations"] = qdd
@@ -74,7 +75,7 @@ def direct_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
 def inertia_matrix_model(robot, *, gather=True):
     """q -> A (m, m), as Dynamics.inertia_matrix."""
     model = _Model("inertia_matrix", robot, ("q",), gather=gather)
-    P = projection(model.S, 6 if robot.moving_base else 0)
+    P = model.projection
     return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.robot, model.q) @ P})
 
 
@@ -99,10 +100,9 @@ def bias_model(robot, *, gather=True):
 def regressor_model(robot):
     """q, qd, qdd (twist, gravity, base_acceleration) -> regressor (m, p), its columns as in newton_euler.regressor."""
     model = _Model("regressor", robot, ("q", "qd", "qdd"), told=robot.moving_base, prepare=False)
-    qdd = model.inputs["qdd"] @ model.S.T
+    qdd = model.everyone(model.inputs["qdd"])
     Y = regressor(model.robot, model.q, model.qd, qdd, model.twist, model.base_acceleration)
-    P = projection(model.S, 6 if robot.moving_base else 0)
-    return model.program({"regressor": P.T @ Y})
+    return model.program({"regressor": model.projection.T @ Y})
 
 
 def pose_model(robot, frame):
@@ -120,22 +120,50 @@ class _Model:
 
     def __init__(self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True):
         self.name, self.trace = name, Trace()
-        self.S, offset, independent = coupling(robot)
-        self.S = np.where(self.S == np.round(self.S), np.round(self.S), self.S)
+        self.coupling = coupling(robot)
+        independent = self.coupling.independent
         self.size = len(independent)
         self.undriven = tuple(k for k, number in enumerate(independent) if not robot.joints[number].actuated)
         self.inputs = {key: self.trace.input(key, self.size) for key in arguments}
         self.robot, shifts = prepared(robot, gather) if prepare else (robot, np.zeros(len(robot.joints)))
-        plain_q = self.inputs["q"] @ self.S.T + offset
+        plain_q = self._positions(len(robot.joints))
         self.q = plain_q + shifts
-        self.qd = self.inputs["qd"] @ self.S.T if "qd" in self.inputs else np.zeros(len(robot.joints), dtype=int)
+        self._move()
         self._base(ARGUMENTS_OF_BASE.get(name, ()) if robot.moving_base else (), told)
         self.wrenches = self._wrenches(wrenches)
         self.lost_everywhere = np.zeros(len(robot.joints), dtype=int)
         if "qd" in self.inputs:
             self.lost_everywhere = friction(robot, self.qd) + spring_force(robot, plain_q, self.qd)
-        self.lost = self.lost_everywhere @ self.S
+        self.lost = self.gathered(self.lost_everywhere)
         self.guards = {}
+
+    def _positions(self, joints):
+        """Positions of all joints: told by the independent ones, or all given, so that the loops are closed."""
+        if self.coupling.dependent:
+            self.inputs["q"] = self.trace.input("q", joints)
+            return self.inputs["q"]
+        return self.inputs["q"] @ self.coupling.S.T + self.coupling.offset
+
+    def _move(self):
+        """Velocities of all joints, and G and the drift that lead to their accelerations."""
+        coupling, nothing = self.coupling.seen_in(self.robot), np.zeros(len(self.robot.joints), dtype=int)
+        self.G, factors = coupling.tangent(self.q)
+        self.qd, self.drift = nothing, nothing
+        if "qd" in self.inputs:
+            self.qd = self.G @ self.inputs["qd"]
+            self.drift = coupling.drift(self.q, self.qd, factors)
+
+    def gathered(self, forces):
+        """What forces of all joints amount to on the independent ones (n,)."""
+        return forces @ self.G
+
+    def everyone(self, qdd):
+        """Accelerations of all joints."""
+        return self.G @ qdd + self.drift
+
+    @property
+    def projection(self):
+        return projection(self.G, 6 if self.robot.moving_base else 0)
 
     def _base(self, arguments, told):
         """Twist, gravity and acceleration of the base, gravity taken off, as far as they are known."""
@@ -163,13 +191,13 @@ class _Model:
     def forces(self, qdd, base_acceleration):
         """(forces (all joints,), wrench on the base (6,)) from accelerations of the independent joints."""
         return inverse_dynamics(
-            self.robot, self.q, self.qd, qdd @ self.S.T, self.twist, base_acceleration, self.wrenches
+            self.robot, self.q, self.qd, self.everyone(qdd), self.twist, base_acceleration, self.wrenches
         )
 
     def rows(self, base_acceleration):
         """What the inverse model asks for with all joints unaccelerated, the rows of a moving base first."""
         forces, wrench = self.forces(np.zeros(self.size, dtype=int), base_acceleration)
-        forces = forces @ self.S
+        forces = self.gathered(forces)
         return np.concatenate([wrench, forces]) if self.robot.moving_base else forces
 
     def accelerations(self, unknown, known, pushes):
@@ -178,7 +206,7 @@ class _Model:
         bias = np.concatenate([wrench, forces]) if self.base_is_free else forces
         nothing = np.zeros(self.size, dtype=int)
         found, pivots, diagonal = coupled_accelerations(
-            self._matrix_robot, self.S, self.q, unknown, nothing, pushes, bias
+            self._matrix_robot, self.G, self.q, unknown, nothing, pushes, bias
         )
         self.guards = {"pivots": np.array(pivots, dtype=object), "diagonal": diagonal}
         qdd = [found[len(found) - self.size + k] if k in unknown else known[k] for k in range(self.size)]

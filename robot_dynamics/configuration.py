@@ -1,0 +1,127 @@
+"""Where all joints of a robot are, and how they move together: mimic joints told by the others, loops closed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.answer import SINGULAR
+from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler import linear
+from robot_dynamics.newton_euler.coupling import coupling
+from robot_dynamics.newton_euler.loops import loop_wrenches
+from robot_dynamics.newton_euler.mobility import CLOSES, NEARLY, widest
+from robot_dynamics.newton_euler.screw import apply, apply_transposed
+from robot_dynamics.question import finite
+
+
+@dataclass(frozen=True, eq=False)
+class Configuration:
+    """Positions q (..., all joints) that close the loops, and what follows from them.
+
+    G: (..., all joints, n), from rates of the independent joints to those of all, constant (all joints, n) without
+    loops; factors: of the loops' equations, for the drift, None without loops.
+    """
+
+    coupling: object
+    q: np.ndarray
+    G: np.ndarray
+    factors: object
+
+    def rates(self, values):
+        """(..., all joints) from velocities (..., n)."""
+        return apply(self.G, values)
+
+    def gathered(self, forces):
+        """What forces (..., all joints) amount to on the independent joints (..., n)."""
+        return apply_transposed(self.G, forces)
+
+    def drift(self, qd):
+        """Accelerations (..., all joints) at velocities qd (..., all joints), the independent ones unaccelerated."""
+        return self.coupling.drift(self.q, qd, self.factors)
+
+    def loop_wrenches(self, demands):
+        """(link number, wrench (..., 6) on it, in its frame at its origin) of both ends of each loop.
+
+        demands: (..., all joints), of which the loops exert what is asked of the joints that they place. Where loops
+        have more equations than that takes, wrenches are those of least norm, with torques told by the characteristic
+        length: others of the same motion would only strain the links.
+        """
+        coupling = self.coupling
+        asked = (demands @ coupling.S)[..., coupling.placed]
+        return loop_wrenches(coupling.robot, self.q, linear.least_norm(self.factors, asked))
+
+
+class Configurations:
+    """The Configurations of a robot, from positions as users give them.
+
+    independent, dependent: numbers of the joints that are given, and of those that loops place.
+    """
+
+    def __init__(self, robot):
+        self.robot, self._coupling = robot, coupling(robot)
+        self.independent, self.dependent = self._coupling.independent, self._coupling.dependent
+        self._names = [joint.name for joint in robot.joints]
+
+    def checked(self, q):
+        """(q (..., n), seed (..., dependent) or None) of positions (..., n), or with loops of all joints."""
+        if self.robot.loops:
+            try:
+                everyone = np.array(q, dtype=float)
+            except (TypeError, ValueError):
+                everyone = np.zeros(0)  # refused below
+            if everyone.ndim and everyone.shape[-1] == len(self._names):
+                return self._with_seed(everyone)
+        names = ", ".join(self._names[number] for number in self.independent)
+        return finite("positions", q, len(self.independent), f"joints ({names})"), None
+
+    def _with_seed(self, q):
+        """Positions of all joints, in which nan may stand for those that loops place."""
+        open_ = np.isnan(q[..., self.dependent])
+        known = self._coupling.closed[self._coupling.placed]
+        q[..., self.dependent] = np.where(open_, known, q[..., self.dependent])
+        q = finite("positions", q, len(self._names), f"joints ({', '.join(self._names)})")
+        return q[..., self.independent], None if open_.all() else q[..., self.dependent]
+
+    def closed(self, q, step=None):
+        """Positions (..., all joints) of all joints, from those that `checked` takes. step: see `Coupling.close`.
+
+        Raises SingularModelError where the loops do not close, or are singular.
+        """
+        q, seed = self.checked(q)
+        if not self.robot.loops:
+            return q @ self._coupling.S.T + self._coupling.offset
+        samples = q.reshape(-1, q.shape[-1]) if q.ndim > 1 else q[None]
+        seeds = None if seed is None else seed.reshape(len(samples), -1)
+        with np.errstate(all="ignore"):  # what does not close is refused below
+            t, residual, quality = self._coupling.close(samples, seeds, step)
+        self._refuse_open(t, residual, quality, q.ndim > 1)
+        return (t @ self._coupling.S.T + self._coupling.offset).reshape(*q.shape[:-1], -1)
+
+    def at(self, q, step=None):
+        """The Configuration at positions that `checked` takes."""
+        return self.of_all(self.closed(q, step))
+
+    def of_all(self, q):
+        """The Configuration at positions (..., all joints) that are known to close the loops."""
+        with np.errstate(all="ignore"):
+            return Configuration(self._coupling, q, *self._coupling.tangent(q))
+
+    def _refuse_open(self, t, residual, quality, many):
+        """Raise SingularModelError for the first sample whose loops are open or singular."""
+        left = np.abs(residual).max(axis=-1)
+        wrong = np.flatnonzero(~((left <= CLOSES) & (quality > SINGULAR)))
+        if not len(wrong):
+            return
+        sample = wrong[0]
+        where, condition = f" at sample {sample}" if many else "", self._coupling.condition(t[sample])
+        name, distance, angle = widest(self.robot, residual[sample])
+        if not left[sample] <= CLOSES:
+            nearly = left[sample] < NEARLY and "; if it is meant to close there, its axes or lengths are not exact"
+            raise SingularModelError(
+                f"loop {name!r} does not close{where}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
+                f"(condition number {condition:.3g}){nearly or '. Other positions are out of reach, or need a seed'}"
+            )
+        raise SingularModelError(
+            f"loop {name!r} is singular{where}: it closes (residual {left[sample]:.2g}), but does not tell where "
+            f"{', '.join(self._names[number] for number in self.dependent)} are (condition number {condition:.3g})"
+        )

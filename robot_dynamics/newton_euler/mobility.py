@@ -1,0 +1,149 @@
+"""Which joints of a robot with loops are free, and which ones the loops place then.
+
+The mobility is the number of joints in loops less the rank of the loops' equations, found by numbers where the loops
+are closed: planar loops have redundant equations, others by their geometry. Passive joints of loops depend on the
+others. Where that leaves too few, elastic ones do; motors never.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import qr
+
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
+from robot_dynamics.newton_euler.loops import characteristic_length, loop_equations, rows_of_loops
+
+RANK = 1e-6  # singular values below this part of the largest one count as none
+CLOSES = 1e-11  # residual at which a loop is closed [characteristic lengths, rad]
+NEARLY = 1e-3  # and at which it may be meant to be
+WELL_CONDITIONED = 1e3
+ATTEMPTS = 60  # configurations from which closing the loops is tried
+VARIATIONS = 4  # configurations beside the first in which the rank is taken
+
+
+class Mobility(NamedTuple):
+    """dependent: places, among the joints that follow no other one, of those that the loops place; t (m,): positions
+    of the joints that follow no other one, at which the loops are closed and far from singular."""
+
+    dependent: np.ndarray
+    t: np.ndarray
+
+
+def mobility(robot, S, offset, free):
+    """The Mobility of a robot with loops, whose joint positions are S t + offset, t those of the joints `free`.
+
+    Raises DescriptionError where the loops cannot be closed, and where joints with motor, and elastic ones, are not as
+    many as the mobility or depend on each other.
+    """
+    looped = [k for k in range(len(free)) if any(row in robot.looped for row in np.flatnonzero(S[:, k]))]
+    found = _closed_configurations(robot, S, offset, free, looped)
+    jacobians = [loop_equations(robot, S @ t + offset).jacobian @ S for t in found]
+    ranks = [np.linalg.matrix_rank(J, tol=RANK * np.linalg.norm(J, 2)) for J in jacobians]
+    best = []
+    for t, J, rank in zip(found, jacobians, ranks, strict=True):
+        if rank == max(ranks):
+            dependent = _dependent(robot, free, looped, J, rank)
+            best.append((np.linalg.cond(J[:, dependent]) if len(dependent) else 1.0, t, dependent))
+    condition, t, dependent = next(
+        (one for one in best if one[0] < WELL_CONDITIONED), min(best, key=lambda one: one[0])
+    )
+    if condition > 1 / RANK:
+        _refuse(robot, free, looped, max(ranks), "the joints that no motor drives are not placed by them")
+    return Mobility(dependent, t)
+
+
+def _closed_configurations(robot, S, offset, free, looped):
+    """Positions t of joints at which the loops are closed: the first from the initial positions, if they lead there."""
+    unit, slides = characteristic_length(robot), np.array([robot.joints[number].prismatic for number in free])
+    reach = np.where(slides, unit, 1.0)
+    passive = [k for k in looped if not robot.joints[free[k]].actuated]
+    start = np.array([robot.joints[number].initial_position for number in free])
+    chance = np.random.default_rng(0)
+    found, nearest = [], None
+    for attempt in range(ATTEMPTS):
+        t, moving = start.copy(), passive if attempt % 2 == 0 else looped
+        if attempt > 1:  # near what was found, else anywhere
+            spread = 0.3 if found else 2.0
+            t[looped] = (found[0] if found else start)[looped] + reach[looped] * chance.uniform(
+                -spread, spread, len(looped)
+            )
+        t, left = _closed(robot, S, offset, t, moving, LONGEST_STEP * reach[moving])
+        if np.abs(left).max() <= CLOSES:
+            found.append(t)
+        elif nearest is None or np.abs(left).max() < np.abs(nearest).max():
+            nearest = left
+        if len(found) > VARIATIONS:
+            break
+    if not found:
+        _refuse_open(robot, nearest)
+    return found
+
+
+def _closed(robot, S, offset, t, moving, longest):
+    """(t, residual) with the loops closed, by steps of least length of the joints `moving`."""
+
+    def evaluate(t):
+        equations = loop_equations(robot, t @ S.T + offset)
+        J = (equations.jacobian @ S)[..., moving]
+        return equations.residual, -(np.linalg.pinv(J, rcond=RANK) @ equations.residual[..., None])[..., 0]
+
+    t, (residual, _) = newton(evaluate, t[None], moving, longest)
+    return t[0], residual[0]
+
+
+def _dependent(robot, free, looped, J, rank):
+    """Places of the joints that depend on the others: passive ones of loops, then elastic ones."""
+    joints = [robot.joints[number] for number in free]
+    chosen = [k for k in looped if not joints[k].actuated and joints[k].spring is None]
+    elastic = [k for k in looped if not joints[k].actuated and joints[k].spring is not None]
+    if np.linalg.matrix_rank(J[:, chosen], tol=RANK * np.linalg.norm(J, 2)) < len(chosen):
+        _refuse(robot, free, looped, rank, f"with {_driven_names(joints, looped)} held, passive joints can still move")
+    if len(chosen) < rank and elastic:
+        basis = np.linalg.qr(J[:, chosen])[0] if chosen else np.zeros((len(J), 0))
+        rest = J[:, elastic] - basis @ (basis.T @ J[:, elastic])
+        triangle, order = qr(rest, mode="r", pivoting=True)
+        enough = np.abs(np.diag(triangle)) > RANK * np.linalg.norm(J, 2)
+        chosen += [elastic[k] for k in order[: len(enough)][enough]]
+    if len(chosen) < rank:
+        _refuse(robot, free, looped, rank, f"{_driven_names(joints, looped)} cannot move independently")
+    return np.array(sorted(chosen), dtype=int)
+
+
+def _driven_names(joints, looped):
+    names = [repr(joints[k].name) for k in looped if joints[k].role in ("actuated", "elastic")]
+    return ", ".join(names) if names else "no joint"
+
+
+def _refuse(robot, free, looped, rank, what):
+    """Raise the DescriptionError of a choice of motors that does not fit the loops."""
+    joints = [robot.joints[number] for number in free]
+    motors = sum(joints[k].actuated for k in looped)
+    mobility = len(looped) - rank
+    names = ", ".join(repr(joints[k].name) for k in looped)
+    raise DescriptionError(
+        f"robot {robot.name!r}: the joints of its loops ({names}) have mobility {mobility} and {motors} motors: "
+        f"{what}. Of these joints {mobility} that move independently are to be actuated or elastic, the others passive"
+    )
+
+
+def _refuse_open(robot, residual):
+    name, distance, angle = widest(robot, residual)
+    hint = "give initial_position to their joints near where they are closed, and check lengths and placements"
+    if np.abs(residual).max() < NEARLY:
+        hint = "axes that are meant to be parallel must be so to the last digit: write pi/2 for 1.5708, or snap them"
+    raise DescriptionError(
+        f"robot {robot.name!r}: its loops cannot be closed: of loop {name!r} the ends stay {distance:.3g} m and "
+        f"{angle:.3g} rad apart; {hint}"
+    )
+
+
+def widest(robot, residual):
+    """(name of the loop that is open widest, distance [m], angle [rad] between its ends), for a residual (rows,)."""
+    unit, start, told = characteristic_length(robot), 0, []
+    for loop, rows in zip(robot.loops, rows_of_loops(robot), strict=True):
+        part = residual[start : start + rows]
+        start += rows
+        told.append((np.abs(part).max(), loop.name, unit * np.linalg.norm(part[:3]),
+                     2 * np.arctan(np.linalg.norm(part[3:]) / 2)))  # fmt: skip
+    return max(told)[1:]
