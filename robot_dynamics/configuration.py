@@ -1,5 +1,6 @@
 """Where all joints of a robot are, and how they move together: mimic joints told by the others, loops closed."""
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,11 +55,12 @@ class Configuration:
 class Configurations:
     """The Configurations of a robot, from positions as users give them.
 
-    independent, dependent: numbers of the joints that are given, and of those that loops place.
+    independent, dependent: numbers of the joints that are given, and of those that loops place. programs: the
+    CompiledModels that Newton's steps may come from, or None.
     """
 
-    def __init__(self, robot):
-        self.robot, self._coupling = robot, coupling(robot)
+    def __init__(self, robot, programs=None):
+        self.robot, self._coupling, self._programs = robot, coupling(robot), programs
         self.independent, self.dependent = self._coupling.independent, self._coupling.dependent
         self._names = [joint.name for joint in robot.joints]
 
@@ -82,8 +84,8 @@ class Configurations:
         q = finite("positions", q, len(self._names), f"joints ({', '.join(self._names)})")
         return q[..., self.independent], None if open_.all() else q[..., self.dependent]
 
-    def closed(self, q, step=None):
-        """Positions (..., all joints) of all joints, from those that `checked` takes. step: see `Coupling.close`.
+    def closed(self, q):
+        """Positions (..., all joints) of all joints, from those that `checked` takes.
 
         Raises SingularModelError where the loops do not close, or are singular.
         """
@@ -93,13 +95,25 @@ class Configurations:
         samples = q.reshape(-1, q.shape[-1]) if q.ndim > 1 else q[None]
         seeds = None if seed is None else seed.reshape(len(samples), -1)
         with np.errstate(all="ignore"):  # what does not close is refused below
-            t, residual, quality = self._coupling.close(samples, seeds, step)
+            t, residual, quality = self._close(samples, seeds)
         self._refuse_open(t, residual, quality, q.ndim > 1)
         return (t @ self._coupling.S.T + self._coupling.offset).reshape(*q.shape[:-1], -1)
 
-    def at(self, q, step=None):
+    def _close(self, samples, seeds):
+        """`Coupling.close`, with compiled steps where they are ready."""
+        if self._programs is None:
+            return self._coupling.close(samples, seeds)
+        program = self._programs.ready("closure")
+        if program is not None:
+            return self._coupling.close(samples, seeds, program.batch)
+        started = time.perf_counter()
+        found = self._coupling.close(samples, seeds)
+        self._programs.note(time.perf_counter() - started, "closure")
+        return found
+
+    def at(self, q):
         """The Configuration at positions that `checked` takes."""
-        return self.of_all(self.closed(q, step))
+        return self.of_all(self.closed(q))
 
     def of_all(self, q):
         """The Configuration at positions (..., all joints) that are known to close the loops."""

@@ -62,7 +62,8 @@ class Dynamics:
         if not isinstance(robot, Robot):
             raise QuestionError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
         self.robot = robot
-        self._configurations = Configurations(robot)
+        self._programs = CompiledModels(robot)
+        self._configurations = Configurations(robot, self._programs if compiled else None)
         self._base_rows = 6 if robot.moving_base else 0
         # how each frame j stands in the link frame that the description gives
         placements = [inverse(robot.frame(link.name).placement) for link in robot.links]
@@ -73,7 +74,6 @@ class Dynamics:
         driven = [robot.joints[number].actuated for number in self._configurations.independent]
         self._undriven = [place for place, has_motor in enumerate(driven) if not has_motor]
         self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
-        self._programs = CompiledModels(robot)
         self._compiles = compiled
 
     def __repr__(self):
@@ -140,7 +140,8 @@ class Dynamics:
     def compile(self, model, *, wrenches=(), told=False):
         """The compiled program of a model, made now if it is not there: the fastest that can be called from Python.
 
-        model: inverse, direct, inertia_matrix, gravity, coriolis, bias or regressor; what each takes and gives,
+        model: inverse, direct, inertia_matrix, gravity, coriolis, bias, regressor, or closure of a robot with loops;
+        what each takes and gives,
         `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
         whether the acceleration of a moving base is given, for inverse and direct.
 
@@ -155,6 +156,8 @@ class Dynamics:
             raise QuestionError(f"{self.robot.name!r} has no joints: there is nothing to compile")
         if model not in MODELS:
             raise QuestionError(unknown_name("model", model, MODELS))
+        if model == "closure" and not self.robot.loops:
+            raise QuestionError(f"{self.robot.name!r} has no loops that could be closed")
         for name in wrenches:
             self.robot.frame(name)
         return self._programs.get(model, tuple(wrenches), bool(told))

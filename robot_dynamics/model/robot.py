@@ -185,6 +185,14 @@ class Robot:
             *(set(self.way(a.link)) ^ set(self.way(b.link)) for a, b in (loop.ends for loop in self.loops))
         )
 
+    @cached_property
+    def characteristic_length(self):
+        """The mean length [m] of the links that are part of loops: what a radian moves."""
+        placements = [self.joints[number].placement for number in self.looped]
+        placements += [end.placement for loop in self.loops for end in loop.ends]
+        lengths = [length for placed in placements if (length := np.linalg.norm(placed[:3, 3])) > 0]
+        return float(np.mean(lengths)) if lengths else 1.0
+
     @property
     def _known_by_moment(self):
         """Numbers of the links of which only the moment about their axis is told, an axis that stands still."""

@@ -14,7 +14,7 @@ import numpy as np
 from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
-from robot_dynamics.newton_euler.loops import characteristic_length, loop_equations
+from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.newton_euler.mobility import mobility
 from robot_dynamics.newton_euler.screw import apply
 
@@ -73,21 +73,22 @@ class Coupling:
         return linear.least_squares(factors, -turned) @ self.S[:, self.placed].T
 
     def step(self, t):
-        """(residual (..., rows), Newton's step (..., dependent), quality (..., 1)) of the loops at t (..., m).
+        """(residual (..., rows), Newton's step (..., dependent), pivots, lengths) of the loops at t (..., m).
 
-        quality: the least part of the squared length of a column of J_d that is its own: 0 where J_d is singular.
+        pivots and lengths (..., dependent) are those of the Orthogonal of J_d.
         """
         equations = loop_equations(self.robot, t @ self.S.T + self.offset)
         factors = linear.orthogonal(equations.jacobian @ self.S[:, self.placed])
-        quality = (factors.pivots / factors.lengths).min(axis=-1, keepdims=True)
-        return equations.residual, linear.least_squares(factors, -equations.residual), quality
+        step = linear.least_squares(factors, -equations.residual)
+        return equations.residual, step, factors.pivots, factors.lengths
 
     def close(self, q, seed=None, step=None):
         """(t (N, m), residual (N, rows), quality (N,)): positions of the free joints that close the loops.
 
         q: (N, n) of the independent ones; seed: (N, dependent), from where the others go to the nearest closed
         configuration, else from the one that is known, whole turns of the independent joints left out, along the
-        straight way to q. step: what computes `step`, this object's own if None.
+        straight way to q. step: what computes `step`, this object's own if None. quality: the least part of the squared
+        length of a column of J_d that is its own, 0 where J_d is singular.
         """
         step = step or self.step
         longest = LONGEST_STEP * self._reach(self.placed)
@@ -102,9 +103,9 @@ class Coupling:
             t[:, self.chosen] = target
         else:
             t[:, self.chosen], t[:, self.placed] = q, seed
-        t, (residual, _, quality) = newton(step, t, self.placed, longest)
+        t, (residual, _, pivots, lengths) = newton(step, t, self.placed, longest)
         t[:, self.chosen] = q
-        return t, residual, quality[:, 0]
+        return t, residual, (pivots / lengths).min(axis=-1)
 
     def condition(self, t):
         """The condition number of J_d at positions t (m,)."""
@@ -113,7 +114,7 @@ class Coupling:
 
     def _reach(self, places):
         """What counts as much as a radian [rad or m] of each of the free joints at these places."""
-        unit = characteristic_length(self.robot)
+        unit = self.robot.characteristic_length
         return np.array([unit if self.robot.joints[self.free[k]].prismatic else 1.0 for k in places])
 
     def _without_turns(self, q):

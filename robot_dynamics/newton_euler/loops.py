@@ -3,7 +3,7 @@
     residual e(q) = 0,   J q̇ = 0,   J q̈ + J̇ q̇ = 0
 
 Each loop gives six rows, [position; rotation] of frame k relative to frame k+B in the axes of the link where its two
-chains part; a ball joint three, of the position. Positions are counted in units of `characteristic_length`, so that
+chains part; a ball joint three, of the position. Positions are counted in units of the `characteristic_length` of the robot, so that
 metres and radians compare. How the link where the chains part moves has no part in it.
 
 For a rotation by an angle φ about the unit vector u the residual is 2 tan(φ/2) u: its derivative is the angular
@@ -46,17 +46,9 @@ def rows_of_loops(robot):
     return [3 if loop.ball else 6 for loop in robot.loops]
 
 
-def characteristic_length(robot):
-    """The mean length [m] of the links that are part of loops: what a radian moves."""
-    lengths = [np.linalg.norm(robot.joints[number].placement[:3, 3]) for number in robot.looped]
-    lengths += [np.linalg.norm(end.placement[:3, 3]) for loop in robot.loops for end in loop.ends]
-    lengths = [length for length in lengths if length > 0]
-    return float(np.mean(lengths)) if lengths else 1.0
-
-
 def loop_equations(robot, q, qd=None):
     """The LoopEquations of all loops, at joint positions q and velocities qd (..., joints)."""
-    unit = characteristic_length(robot)
+    unit = robot.characteristic_length
     residuals, jacobians, drifts = [], [], []
     for loop in robot.loops:
         moved, closed_on = (set(robot.way(end.link)) for end in loop.ends)
@@ -76,7 +68,7 @@ def loop_wrenches(robot, q, multipliers):
     multipliers: (..., m), one with each row of J, so that Jᵀ multipliers are the joint forces that the loops exert.
     """
     placed, start = link_placements(robot, q), 0
-    scale = np.array([1 / characteristic_length(robot)] * 3 + [1] * 3)
+    scale = np.array([1 / robot.characteristic_length] * 3 + [1] * 3)
     for loop, rows in zip(robot.loops, rows_of_loops(robot), strict=True):
         ways = [robot.way(end.link) for end in loop.ends]
         parts = next((number + 1 for number in ways[0] if number in ways[1]), 0)  # the link whose axes J is told in

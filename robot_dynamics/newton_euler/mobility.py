@@ -12,7 +12,7 @@ from scipy.linalg import qr
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
-from robot_dynamics.newton_euler.loops import characteristic_length, loop_equations, rows_of_loops
+from robot_dynamics.newton_euler.loops import loop_equations, rows_of_loops
 
 RANK = 1e-6  # singular values below this part of the largest one count as none
 CLOSES = 1e-11  # residual at which a loop is closed [characteristic lengths, rad]
@@ -55,7 +55,7 @@ def mobility(robot, S, offset, free):
 
 def _closed_configurations(robot, S, offset, free, looped):
     """Positions t of joints at which the loops are closed: the first from the initial positions, if they lead there."""
-    unit, slides = characteristic_length(robot), np.array([robot.joints[number].prismatic for number in free])
+    unit, slides = robot.characteristic_length, np.array([robot.joints[number].prismatic for number in free])
     reach = np.where(slides, unit, 1.0)
     passive = [k for k in looped if not robot.joints[free[k]].actuated]
     start = np.array([robot.joints[number].initial_position for number in free])
@@ -140,7 +140,7 @@ def _refuse_open(robot, residual):
 
 def widest(robot, residual):
     """(name of the loop that is open widest, distance [m], angle [rad] between its ends), for a residual (rows,)."""
-    unit, start, told = characteristic_length(robot), 0, []
+    unit, start, told = robot.characteristic_length, 0, []
     for loop, rows in zip(robot.loops, rows_of_loops(robot), strict=True):
         part = residual[start : start + rows]
         start += rows

@@ -21,6 +21,7 @@ MODELS = {
     "coriolis": models.coriolis_model,
     "bias": models.bias_model,
     "regressor": models.regressor_model,
+    "closure": models.closure_model,
 }
 PATIENCE = 0.05  # seconds that a model is computed by the recursions before it is worth compiling
 MOST_PROGRAMS = 24  # of one robot: questions with ever other wrenches do not fill the memory

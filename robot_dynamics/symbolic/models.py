@@ -105,6 +105,17 @@ def regressor_model(robot):
     return model.program({"regressor": model.projection.T @ Y})
 
 
+def closure_model(robot):
+    """q (m,) of the joints that follow no other one -> residual (rows,) of the loops, step (k,) that Newton's method
+    takes of the joints that they place, and `pivots` and `lengths` (k,) that tell of singular positions."""
+    trace, chosen = Trace(), coupling(robot)
+    prepared_robot, shifts = prepared(robot, gather=False)
+    chosen = replace(chosen, robot=prepared_robot, offset=chosen.offset + shifts)
+    names = ("residual", "step", "pivots", "lengths")
+    results = dict(zip(names, chosen.step(trace.input("q", len(chosen.free))), strict=True))
+    return program_of(trace, "closure", {"q": len(chosen.free)}, results)
+
+
 def pose_model(robot, frame):
     """q -> pose (4, 4) of a named frame in frame 0."""
     model = _Model("pose", robot, ("q",), gather=False)
