@@ -3,8 +3,8 @@
     residual e(q) = 0,   J q̇ = 0,   J q̈ + J̇ q̇ = 0
 
 Each loop gives six rows, [position; rotation] of frame k relative to frame k+B in the axes of the link where its two
-chains part; a ball joint three, of the position. Positions are counted in units of the `characteristic_length` of the robot, so that
-metres and radians compare. How the link where the chains part moves has no part in it.
+chains part; a ball joint three, of the position. Positions are counted in units of the robot's characteristic_length,
+so that metres and radians compare. How the link where the chains part moves has no part in it.
 
 For a rotation by an angle φ about the unit vector u the residual is 2 tan(φ/2) u: its derivative is the angular
 velocity where φ is small, and it has no other zero.
