@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 from peers.five_bar import random_five_bar
 from peers.four_bar import random_four_bar
+from peers.loop_states import condition_of, loop_gaps, mobility, random_closed_state
 from peers.maximal_coordinates import MaximalCoordinates
+from peers.random_loops import random_loops
 
 LINKAGES = {"four_bar": random_four_bar, "five_bar": random_five_bar}
 
@@ -25,6 +27,10 @@ def spread(values, linkage, others):
     found = np.full(len(linkage.joints), float(others))
     found[list(linkage.independent)] = values
     return found
+
+
+def is_driven(joint):
+    return joint.actuated and joint.mimic is None
 
 
 @pytest.mark.parametrize("kind", LINKAGES)
@@ -73,3 +79,25 @@ def test_power_of_motors_goes_into_energy_and_friction_of_a_linkage(seed):
     rate = (stored[0] - 8 * stored[1] + 8 * stored[2] - stored[3]) / (12 * h)
     power = linkage.inverse(q, qd, qdd) @ qd
     assert abs(rate + energy(0).dissipation - power) < 1e-8 * max(abs(rate), abs(power))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_loops_close_and_move_as_said(seed):
+    """As many independent joints as the mobility, the others passive and in good condition; other states close too,
+    and the accelerations of multipliers keep them closed."""
+    looped = random_loops(seed)
+    robot, rng = looped.robot, np.random.default_rng(seed)
+    assert mobility(robot, looped.q) == len(looped.independents)
+    assert condition_of(robot, looped.q, looped.dependents) < 1e3
+    assert {robot.joints[number].role for number in looped.dependents} <= {"passive"}
+    assert {robot.joints[number].role for number in looped.independents} <= {"actuated", "elastic"}
+    assert np.abs(loop_gaps(robot, looped.q)).max() < 1e-12
+
+    q, qd = random_closed_state(robot, looped.q, looped.dependents, rng)
+    told = [rng.uniform(-3, 3) if is_driven(joint) else np.nan for joint in robot.joints]
+    motion = MaximalCoordinates(robot).inverse(q, qd, told)
+    scale = max(1, np.abs(motion.accelerations).max())
+    assert motion.residual < 1e-11 * scale
+    h = 1e-3
+    gaps = [loop_gaps(robot, q + t * qd + t**2 / 2 * motion.accelerations) for t in (h, h / 2)]
+    assert np.abs(gaps[1]).max() < np.abs(gaps[0]).max() / 7 + 1e-12, "open by the third power of time"

@@ -37,20 +37,17 @@ def link_motion(robot, q, qd=None, pose=None, twist=None):
     """
     n = len(robot.joints)
     poses = [np.eye(4) if pose is None else np.asarray(pose, dtype=float)]
-    carriers = [[]]  # of each link, the joints between it and the base
+    carried = np.zeros((n + 1, n), dtype=bool)  # whether a link is moved by a joint
     for number, (joint, position) in enumerate(zip(robot.joints, q, strict=True)):
         poses.append(poses[joint.antecedent] @ joint.placement @ joint_displacement(joint, position))
-        carriers.append([*carriers[joint.antecedent], number])
+        carried[number + 1] = carried[joint.antecedent]
+        carried[number + 1, number] = True
     poses = np.array(poses)
-    jacobians = np.zeros((n + 1, 6, n))
-    for link, carried_by in enumerate(carriers):
-        for number in carried_by:
-            axis, foot = poses[number + 1, :3, 2], poses[number + 1, :3, 3]
-            if robot.joints[number].prismatic:
-                jacobians[link, :3, number] = axis
-            else:
-                jacobians[link, :3, number] = np.cross(axis, poses[link, :3, 3] - foot)
-                jacobians[link, 3:, number] = axis
+    turns = np.array([not joint.prismatic for joint in robot.joints], dtype=bool)[:, None]
+    axes, feet = poses[1:, :3, 2], poses[1:, :3, 3]
+    linear = np.where(turns, np.cross(axes, poses[:, None, :3, 3] - feet), axes)
+    angular = np.broadcast_to(np.where(turns, axes, 0.0), linear.shape)
+    jacobians = np.swapaxes(np.concatenate([linear, angular], axis=2) * carried[:, :, None], 1, 2)
     velocities = jacobians @ (np.zeros(n) if qd is None else np.asarray(qd, dtype=float))
     if twist is not None:
         R = poses[0, :3, :3]
