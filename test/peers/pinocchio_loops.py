@@ -53,6 +53,8 @@ class PinocchioLoops(PinocchioModel):
         self.rows = np.array([*range(self.base_size), *(joint.idx_v for joint in self.joints)], dtype=int)
         for joint, described in zip(self.joints, robot.joints, strict=True):
             self.model.armature[joint.idx_v] = described.rotor_inertia
+        self.weightless = pin.Model(self.model)
+        self.weightless.gravity.setZero()
         self.data = self.model.createData()
         self.contacts, self.contact_data = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
         for loop in robot.loops:
@@ -91,14 +93,15 @@ class PinocchioLoops(PinocchioModel):
             if number:
                 J = pin.getJointJacobian(self.model, self.data, number, pin.ReferenceFrame.LOCAL)
                 bias += J.T @ force.vector
-        still = self._accelerations(place, velocity, bias)
-        moved = [self._accelerations(place, velocity, bias + unit) - still for unit in np.eye(self.model.nv)]
+        still = self._accelerations(self.model, place, velocity, bias)
+        # at rest and without weight, lest small effects drown in large accelerations
+        moved = [self._accelerations(self.weightless, place, 0 * velocity, unit) for unit in np.eye(self.model.nv)]
         return still[self.rows], np.array(moved).T[np.ix_(self.rows, self.rows)]
 
-    def _accelerations(self, place, velocity, push):
-        pin.initConstraintDynamics(self.model, self.data, self.contacts, self.contact_data)
+    def _accelerations(self, model, place, velocity, push):
+        pin.initConstraintDynamics(model, self.data, self.contacts, self.contact_data)
         settings = pin.ProximalSettings(1e-14, PROXIMAL, 100)
-        arguments = self.model, self.data, place, velocity, push, self.contacts, self.contact_data, settings
+        arguments = model, self.data, place, velocity, push, self.contacts, self.contact_data, settings
         return pin.constraintDynamics(*arguments).copy()
 
     def direct(self, q, qd, efforts, *, pose=None, twist=(), base_acceleration=None, external_wrenches=None):
