@@ -1,4 +1,6 @@
-"""Robot from a table of modified Denavit-Hartenberg parameters in YAML; the format is mdh.schema.json."""
+"""Robot from a YAML text: a table of modified Denavit-Hartenberg parameters, or a URDF and what it cannot say; the
+format is mdh.schema.json.
+"""
 
 import json
 from functools import cache
@@ -7,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.model.formats.urdf_yaml import read_urdf_document
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
 from robot_dynamics.model.formats.yaml_joints import joint_told, objection_to_role, spring_told, unknown_link
 from robot_dynamics.model.formats.yaml_loops import read_loops
@@ -23,6 +26,7 @@ HINTS = {
     "parent": "the link that a row hangs on is its antecedent",
     "com": "centre_of_mass, or first_moments (mass times centre)",
     "center_of_mass": "centre_of_mass, or first_moments (mass times centre)",
+    "joints": "a robot has its joints here or in its urdf, which roles, springs and loops are told beside",
     "mimic": "where a loop is cut no joint follows another: cut the loop at another joint",
 }
 SCHEMA = Path(__file__).with_name("mdh.schema.json")
@@ -34,10 +38,11 @@ MOVES = (
 
 
 def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gravity=None):
-    """Read a robot from the YAML text of its MDH table (str or bytes).
+    """Read a robot from the YAML text (str or bytes) of its MDH table, or of a document that has its URDF.
 
-    source: what to call the description in errors. values: {name: number or expression} in the place of entries of
-    `parameters`. moving_base, gravity (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
+    source: what to call the description in errors; the Path of the file that it comes from, in whose folder the URDF
+    is looked for. values: {name: number or expression} in the place of entries of `parameters`. moving_base, gravity
+    (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
 
     Raises DescriptionError, which tells line and column, what is wrong and what would be right.
     """
@@ -45,6 +50,8 @@ def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gr
     if not isinstance(document.data, dict):
         document.fail((), "a mapping with the keys robot and joints is needed")
     document.validate(_validator(), HINTS)
+    if "urdf" in document.data:
+        return read_urdf_document(document, values or {}, moving_base, gravity)
     return _Builder(document, values or {}).build(moving_base, gravity)
 
 

@@ -109,7 +109,15 @@ k = {0,300,0}
 G = {0,0,-9.81}
 (* Frames = 'tool' 3 *)
 """
-TEXTS = {"URDF": URDF, "MDH table": MDH, "par": PAR, "loops": LOOPS}
+WITH_URDF = """\
+roles: {slide: elastic}
+springs: {slide: {stiffness: 3}}
+initial_positions: {shoulder: 0.5}
+loops:
+  - {joint: ball, type: spherical, moved: {antecedent: tool}, closed_on: {antecedent: base, xyz: [1, 0, 0]}}
+urdf: |
+""" + "".join(f"    {line}\n" for line in URDF.replace('<mimic joint="shoulder"/>', "").splitlines())
+TEXTS = {"URDF": URDF, "MDH table": MDH, "par": PAR, "loops": LOOPS, "URDF with loops": WITH_URDF}
 WORDS = """
 { } [ ] ( ) : , ' " - # &a *a !!int --- ... < > </ &amp; &#0; <!DOCTYPE_x> <!-- ]]> = (* *) | ? % @ ~ null nan inf -inf
 1e400 1e-400 1e200 0 -1 -0.0 3 99999999999999999999 pi/2 1/0 x \x00 \ufeff é 日 true no (((((((( 9^9^9^9 mimic joint
