@@ -198,6 +198,29 @@ def test_reactions_in_the_loops_put_on_the_open_tree_ask_for_the_same_efforts(se
         assert all(reaction.determinate.all() for reaction in motion.reactions)
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_ends_of_loops_may_be_exchanged_and_cut_links_be_bodies(seed):
+    """The same motion; the reactions of loops, where they are determinate, the opposite and the same."""
+    looped = random_loops(seed)
+    robot, rng = looped.robot, np.random.default_rng([seed, 11])
+    q, qd, told, rest = random_question(looped, rng, told_base=seed % 2 > 0)
+    exchanged = [replace(loop, moved=loop.closed_on, closed_on=loop.moved) for loop in robot.loops]
+    with_bodies = MaximalCoordinates(robot)
+    with_bodies.cut = {}
+    motion = MaximalCoordinates(robot).inverse(q, qd, told, **rest)
+    others = MaximalCoordinates(replace(robot, loops=tuple(exchanged))), with_bodies
+    for peer, sign in zip(others, (-1, 1), strict=True):
+        other = peer.inverse(q, qd, told, **rest)
+        assert relative_error(other.accelerations, motion.accelerations) < 1e-10
+        assert relative_error(other.efforts, motion.efforts) < 1e-10
+        for loop in robot.loops:
+            (found, known), (expected, determinate) = (m.loop_reactions[loop.name] for m in (other, motion))
+            if not (loop.ball and sign < 0):  # told in the axes of the other frame
+                assert known.tolist() == determinate.tolist()
+                scale = max(np.abs(reaction.wrench).max() for reaction in motion.reactions)
+                assert np.abs(sign * found - expected)[known].max(initial=0) < 1e-10 * scale
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_what_a_planar_loop_determines_of_its_reactions(seed):
     """Forces in the plane and the moment about the axis; across it only where a ball joint takes no moment."""
