@@ -8,6 +8,7 @@ Without loops G = S and the drift is zero. Loops place some of the joints t, the
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,11 +18,13 @@ from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
 from robot_dynamics.newton_euler.loops import loop_equations
-from robot_dynamics.newton_euler.mobility import mobility
+from robot_dynamics.newton_euler.mobility import CLOSES, mobility
 from robot_dynamics.newton_euler.screw import apply
 
 LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the closed configuration that is known
-MOST_STRIDES = 60
+FINER = 10  # times as many strides where these lead astray
+MOST_STRIDES = 600
+ITERATIONS_ON_THE_WAY = 3
 
 
 class Closed(NamedTuple):
@@ -107,20 +110,50 @@ class Coupling:
 
     def reached(self, q, step=None):
         """The Closed positions in the assembly mode of those that are known, `closed`: whole turns of the independent
-        joints left out, along the straight way from there to q (N, n). step: as for `near`."""
-        target = self._without_turns(q)
-        found = self.along(np.broadcast_to(self.closed, (len(q), len(self.free))), target, step)
+        joints left out, along the straight way from there to q (N, n), or around. step: as for `near`."""
+        target, start = self._without_turns(q), np.broadcast_to(self.closed, (len(q), len(self.free)))
+        found = self._in_mode(self.along(start, target, step))
+        for way in (self._straight, self._joint_by_joint, partial(self._joint_by_joint, backwards=True)):
+            again = np.flatnonzero(found.crossed | ~(np.abs(found.residual).max(axis=-1) <= CLOSES))
+            if not len(again):
+                break
+            other = self._in_mode(way(start[again], target[again], step))
+            better = ~other.crossed & (np.abs(other.residual).max(axis=-1) <= CLOSES)
+            for values, now in zip(found, other, strict=True):
+                values[again[better]] = now[better]
         found.t[:, self.chosen] = q
+        return found
+
+    def _straight(self, start, target, step):
+        """`along`, with shorter strides."""
+        return self.along(start, target, step, LONGEST_STRIDE / FINER)
+
+    def _joint_by_joint(self, start, target, step, backwards=False):
+        """As `along`, one independent joint after the other: around positions at which the loops cannot close."""
+        places = np.arange(target.shape[1])
+        for place in places[::-1] if backwards else places:
+            corner = start[:, self.chosen]
+            corner[:, place] = target[:, place]
+            found = self.along(start, corner, step)
+            start = found.t
+        return found
+
+    def _in_mode(self, found):
         return found._replace(crossed=self._orientation(found.t) != self._orientation(self.closed))
 
-    def along(self, t, q, step=None):
-        """The Closed positions at the end of the straight way from closed positions t (N, m) to q (N, n)."""
-        step, start = step or self.step, t[:, self.chosen]
-        strides = np.ceil(np.abs((q - start) / self._reach(self.chosen)).max(initial=0) / LONGEST_STRIDE)
-        t = np.array(t)
+    def along(self, t, q, step=None, longest=LONGEST_STRIDE):
+        """The Closed positions at the end of the straight way from closed positions t (N, m) to q (N, n).
+
+        Strides are at most `longest` [rad or characteristic lengths] but for MOST_STRIDES, and begin where the last one
+        points to.
+        """
+        step, start, before = step or self.step, t[:, self.chosen], t
+        strides = np.ceil(np.abs((q - start) / self._reach(self.chosen)).max(initial=0) / longest)
         for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
+            t, before = 2 * t - before, t
             t[:, self.chosen] = start + share * (q - start)
-            t, _ = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), iterations=2)
+            t, _ = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), ITERATIONS_ON_THE_WAY)
+        t = 2 * t - before
         t[:, self.chosen] = q
         return self._closed(t, step)
 
