@@ -120,6 +120,12 @@ class Configurations:
                 found.append(closed.t)
         return self._everyone(np.concatenate(found or [np.zeros((0, len(self._coupling.free)))]))
 
+    @property
+    def known(self):
+        """(all joints,) positions that close the loops, or the initial ones where there are none."""
+        start = np.array([self.robot.joints[number].initial_position for number in self._coupling.free])
+        return self._everyone(start if self._coupling.closed is None else self._coupling.closed)
+
     def _everyone(self, t):
         return t @ self._coupling.S.T + self._coupling.offset
 

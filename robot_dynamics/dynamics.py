@@ -6,7 +6,6 @@ the link's own frame at its origin. Accelerations are true (gravity is not taken
 origin.
 """
 
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -25,11 +24,12 @@ from robot_dynamics.newton_euler.equilibrium import balance
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
+from robot_dynamics.newton_euler.regressor import parameter_names, parameters, regressor
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
 from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels
-from robot_dynamics.symbolic.questions import checked_wrenches, of_base, program_key, run_program
+from robot_dynamics.symbolic.questions import answered
 
 __all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
 
@@ -198,30 +198,43 @@ class Dynamics:
         given = {"q": q, "qd": self._joints("velocities", qd)}
         return self._computed("coriolis", given, {"base": base}, recursion)
 
-    def _computed(self, model, given, question, recursion):
-        """The first result of a model: of its program where it is ready, else of the recursion.
+    def regressor(self, q, qd, qdd, *, base=None):
+        """Y (..., n, p): efforts of a motion are Y @ parameters, springs apart, for the inertial parameters, rotors and
+        friction of `parameter_names`. With a moving base, the acceleration of which Base must tell, (..., 6 + n, p).
 
-        given: {argument: (..., n)}, checked; question: what `base` and `external_wrenches` are, None where they have
-        no part in the model. What a program gives that is not finite, or singular, is asked of the recursion, which
-        tells why.
+        Source: Khalil, section 4, for loops: Gᵀ times that of the tree.
         """
-        base, wrenches = (question or {}).get("base"), (question or {}).get("external_wrenches") or {}
-        if not (self._compiles and self.joint_names and isinstance(wrenches, Mapping)):
+        q, qdd = self._positions(q), self._joints("accelerations", qdd)
+        if self.robot.moving_base and (base is None or base.acceleration is None):
+            raise QuestionError("the regressor takes a base that moves as told: give its acceleration in Base")
+
+        def recursion():
+            state = self._state(q, qd, base, given=qdd)
+            with np.errstate(all="ignore"):
+                everyone = state.everyone(qdd)
+                Y = regressor(self.robot, state.q, state.qd, everyone, state.base.twist, state.base.acceleration)
+                P = projection(state.configuration.G, self._base_rows)
+                return filled(np.swapaxes(P, -1, -2) @ Y, state.batch, axes=2)
+
+        given = {"q": q, "qd": self._joints("velocities", qd), "qdd": qdd}
+        return self._computed("regressor", given, {"base": base}, recursion)
+
+    @property
+    def parameter_names(self):
+        """What the columns of `regressor` stand for: XX.link, ... M.link, Ia.joint, Fv.joint, Fs.joint."""
+        return parameter_names(self.robot)
+
+    @property
+    def parameters(self):
+        """(p,) the values that the robot has for `parameter_names`."""
+        return parameters(self.robot)
+
+    def _computed(self, model, given, question, recursion):
+        """`answered`, where there is a program that could answer."""
+        question = question or {}
+        if not (self._compiles and self.joint_names and isinstance(question.get("external_wrenches"), Mapping | None)):
             return recursion()
-        key = program_key(model, self.robot, base, wrenches)
-        program = self._programs.ready(*key)
-        if program is None:
-            started = time.perf_counter()
-            found = recursion()
-            self._programs.note(time.perf_counter() - started, *key)
-            return found
-        arguments = [
-            *given.values(),
-            *of_base(model, self.robot, question, base),
-            *checked_wrenches(self.robot, wrenches),
-        ]
-        found = run_program(program, arguments, common_batch(*arguments))
-        return recursion() if found is None else found
+        return answered(self._programs, self.robot, model, given, question, recursion)
 
     def friction(self, qd, q=None):
         """Viscous and Coulomb friction alone (..., n) [N m or N], of passive joints too; none at rest.
@@ -286,6 +299,11 @@ class Dynamics:
     def expand(self, q):
         """Positions (..., all joints) of all joints, from those of the independent ones; loops are closed."""
         return self._configurations.closed(q)
+
+    @property
+    def closed_positions(self):
+        """(all joints,) positions that close the loops, from the initial ones of the description."""
+        return self._configurations.known
 
     def follow(self, q):
         """Positions (N, all joints) of all joints along a trajectory q (N, n): the loops of each sample are closed from

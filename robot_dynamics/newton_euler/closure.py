@@ -7,8 +7,9 @@ What is evaluated comes from outside: `evaluate(t)` gives for positions t (N, m)
 import numpy as np
 
 CLOSED = 1e-13  # residual [characteristic lengths, rad] at which nothing is left to gain
-ITERATIONS = 60
-HALVINGS = 8
+ITERATIONS = 40
+HALVINGS = 6
+WORTH_IT = 0.999  # of the residual that may be left after a step, where it is worth to go on
 LONGEST_STEP = 0.5  # [rad or characteristic lengths]: a Newton step that is longer knows nothing of where it leads
 
 
@@ -40,7 +41,7 @@ def _improved(evaluate, t, found, dependent, waiting, step):
         trial = t[waiting[left]]
         trial[:, dependent] += share * step[left]
         tried = evaluate(trial)
-        gains = np.linalg.norm(tried[0], axis=-1) < before[left]
+        gains = np.linalg.norm(tried[0], axis=-1) < WORTH_IT * before[left]
         samples = waiting[left[gains]]
         t[samples] = trial[gains]
         for values, now in zip(found, tried, strict=True):

@@ -22,9 +22,10 @@ from robot_dynamics.newton_euler.mobility import CLOSES, mobility
 from robot_dynamics.newton_euler.screw import apply
 
 LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the closed configuration that is known
-FINER = 10  # times as many strides where these lead astray
-MOST_STRIDES = 600
+FINER = 5  # times as many strides where these lead astray
+MOST_STRIDES = 300
 ITERATIONS_ON_THE_WAY = 3
+BLOCKED = 0.01  # residual at which there is no way on
 
 
 class Closed(NamedTuple):
@@ -152,7 +153,9 @@ class Coupling:
         for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
             t, before = 2 * t - before, t
             t[:, self.chosen] = start + share * (q - start)
-            t, _ = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), ITERATIONS_ON_THE_WAY)
+            t, found = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), ITERATIONS_ON_THE_WAY)
+            if (np.abs(found[0]).max(axis=-1) > BLOCKED).all():
+                break  # no sample gets through
         t = 2 * t - before
         t[:, self.chosen] = q
         return self._closed(t, step)

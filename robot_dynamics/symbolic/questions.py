@@ -1,10 +1,32 @@
 """From what is asked of Dynamics to the arguments of a program, and from its results to the answer."""
 
+import time
+
 import numpy as np
 
 from robot_dynamics.answer import SINGULAR
-from robot_dynamics.question import base_state, finite
+from robot_dynamics.question import base_state, common_batch, finite
 from robot_dynamics.symbolic.models import ARGUMENTS_OF_BASE
+
+
+def answered(programs, robot, model, given, question, recursion):
+    """The first result of a model: of its program where it is ready, else of the recursion.
+
+    programs: CompiledModels; given: {argument: (..., n)}, checked; question: what `base` and `external_wrenches` are,
+    empty where they have no part in the model. What a program gives that is not finite, or singular, is asked of the
+    recursion, which tells why.
+    """
+    base, wrenches = question.get("base"), question.get("external_wrenches") or {}
+    key = program_key(model, robot, base, wrenches)
+    program = programs.ready(*key)
+    if program is None:
+        started = time.perf_counter()
+        found = recursion()
+        programs.note(time.perf_counter() - started, *key)
+        return found
+    arguments = [*given.values(), *of_base(model, robot, question, base), *checked_wrenches(robot, wrenches)]
+    found = run_program(program, arguments, common_batch(*arguments))
+    return recursion() if found is None else found
 
 
 def program_key(model, robot, base, wrenches):
@@ -18,14 +40,14 @@ def program_key(model, robot, base, wrenches):
 
 def of_base(model, robot, question, base):
     """The arguments (..., 6) and (..., 3) that a model has of the base: twist, gravity, acceleration. Checked."""
-    if question is None:
+    if not question:
         return []
     state = base_state(robot, base)
     if not robot.moving_base:
         return []
     values = {"twist": state.twist, "gravity": state.gravity}
     arguments = [values[name] for name in ARGUMENTS_OF_BASE[model]]
-    if model in ("inverse", "direct") and state.acceleration is not None:
+    if model in ("inverse", "direct", "regressor") and state.acceleration is not None:
         arguments.append(state.true_acceleration(state.acceleration))
     return arguments
 
