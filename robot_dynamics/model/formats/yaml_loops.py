@@ -112,6 +112,8 @@ class _Reader:
         name = told["antecedent"]
         if name not in self.placed:
             hint = unknown_link(name, self.placed, self.joints, self.links)
+            if name in {frame["frame"] for frame in self.document.data.get("frames", [])}:
+                hint = f"frame {name!r} is placed after the loops: its link is right, with the xyz and rpy of the frame"
             self.document.fail((*path, "antecedent"), hint)
         twice = next((key for key in ("xyz", "rpy") if key in told and "mdh" in told), None)
         if twice is not None:
