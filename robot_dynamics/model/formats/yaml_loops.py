@@ -49,18 +49,20 @@ class _Reader:
         self.numbers, self.document = numbers, numbers.document
         self.tree = len(joints)
         self.joints, self.links, self.placed = list(joints), list(links), dict(placed)
-        self.told = self.document.data.get("loops", [])
-        others = (*self.told, *self.document.data.get("frames", []))
-        self.taken = {*placed, *(told.get("link") for told in others), *(told.get("frame") for told in others)}
+        self.joint_names = {joint.name for joint in joints}
+        self.told, frames = (self.document.data.get(key, []) for key in ("loops", "frames"))
+        self.later = {frame["frame"] for frame in frames}
+        others = (*self.told, *frames)
+        self.taken = {*placed, *self.later, *(told.get("link") for told in others)}
 
     def read(self):
-        loops = []
+        loops = {}
         for number, told in enumerate(self.told):
-            path = ("loops", number)
-            if told["joint"] in {loop.name for loop in loops}:
-                self.document.fail((*path, "joint"), f"loop {told['joint']!r} is there already: names must differ")
-            loops.append(self._loop(told, path))
-        return Cuts(tuple(loops), self.joints[self.tree :], self.links[self.tree + 1 :])
+            name, path = told["joint"], ("loops", number)
+            if name in loops:
+                self.document.fail((*path, "joint"), f"loop {name!r} is there already: names must differ")
+            loops[name] = self._loop(told, path)
+        return Cuts(tuple(loops.values()), self.joints[self.tree :], self.links[self.tree + 1 :])
 
     def _loop(self, told, path):
         kind = told.get("type", "revolute")
@@ -82,8 +84,9 @@ class _Reader:
     def _cut(self, told, path):
         """The End at the joint of a loop, which is added to the tree with its link."""
         name = told["joint"]
-        if name in {joint.name for joint in self.joints}:
+        if name in self.joint_names:
             self.document.fail((*path, "joint"), f"joint {name!r} is there already: names must differ")
+        self.joint_names.add(name)
         if told.get("role") == "actuated":
             self.document.fail(
                 (*path, "role"),
@@ -112,6 +115,8 @@ class _Reader:
         name = told["antecedent"]
         if name not in self.placed:
             hint = unknown_link(name, self.placed, self.joints, self.links)
+            if name in self.later:
+                hint = f"frame {name!r} is placed after the loops: its link is right, with the xyz and rpy of the frame"
             self.document.fail((*path, "antecedent"), hint)
         twice = next((key for key in ("xyz", "rpy") if key in told and "mdh" in told), None)
         if twice is not None:

@@ -179,6 +179,14 @@ def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
     assert reason in told and told.startswith(f"bars.yaml, line {line}, column {column}: "), told
 
 
+def test_named_frame_as_antecedent_is_refused_with_what_would_be_right():
+    text = FOUR_BAR.replace("antecedent: pin,", "antecedent: tip,") + "frames:\n  - {frame: tip, link: coupler}\n"
+    with pytest.raises(
+        DescriptionError, match="line 12, column 25: frame 'tip' is placed after the loops: its link is"
+    ):
+        read_mdh_yaml(text)
+
+
 def test_loop_of_a_link_with_itself_is_refused():
     text = (
         FOUR_BAR[: FOUR_BAR.index("    role: elastic")].replace("revolute", "fixed").replace("output, xyz", "pin, xyz")
