@@ -15,35 +15,14 @@ from robot_dynamics.symbolic.llvm_entry import entry_text, signature
 from robot_dynamics.symbolic.llvm_kernel import block_function, sample_function
 from robot_dynamics.symbolic.llvm_runtime import python_function, table
 from robot_dynamics.symbolic.llvm_sincos import functions
-from robot_dynamics.symbolic.program import constants
-from robot_dynamics.symbolic.scalar import (
-    ADD,
-    COSINE,
-    DIVIDE,
-    MULTIPLY,
-    PARAMETER,
-    SIGN,
-    SINE,
-    SQUARE_ROOT,
-    SUBTRACT,
-)
+from robot_dynamics.symbolic.scalar import PARAMETER
+from robot_dynamics.symbolic.settled import settled_values
 
 WORK_OF_A_THREAD = 6e7
 """Statements times samples, about 1 ms, below which a thread may take longer to start than it saves."""
 
 RUNTIME = "@runtime = external global ptr"
 LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)
-
-OPERATIONS = {
-    ADD: lambda a, b: a + b,
-    SUBTRACT: lambda a, b: a - b,
-    MULTIPLY: lambda a, b: a * b,
-    DIVIDE: lambda a, b: a / b,
-    SINE: math.sin,
-    COSINE: math.cos,
-    SQUARE_ROOT: math.sqrt,
-    SIGN: lambda a: math.copysign(1.0, a) if a else 0.0,
-}
 
 
 def compile_program(program, parameters=None):
@@ -55,27 +34,17 @@ def compile_program(program, parameters=None):
 
 
 def known_values(program, parameters):
-    """{node: float} of all that a Program knows before a call: constants, parameters, and what follows from them.
-
-    Raises QuestionError for names that are missing or unknown and for values that are not finite.
-    """
+    """{node: float} of all that a Program knows before a call, for {name: value} of its parameters, all finite."""
     for name in parameters:
         if name not in program.parameters:
             raise QuestionError(unknown_name(f"parameter of {program.name}", name, program.parameters))
-    missing = [name for name in program.parameters if name not in parameters]
-    if missing:
-        raise QuestionError(f"{program.name} needs a value for {', '.join(map(repr, missing[:40]))}")
-    known = constants(program)
-    for leaf in program.leaves:
-        if leaf.operation == PARAMETER:
-            value = known[leaf.number] = float(parameters[leaf.operands[0]])
-            if not math.isfinite(value):
-                raise QuestionError(f"parameter {leaf.operands[0]!r} of {program.name} is {value}, and must be finite")
-    for number, operation, operands in program.setup:
-        try:
-            known[number] = OPERATIONS[operation](*(known[operand] for operand in operands))
-        except (ArithmeticError, ValueError) as error:
-            raise QuestionError(f"the parameters of {program.name} have no answer: {error} in {operation}") from error
+    known = settled_values(program, parameters)
+    for number, operation, operands in program.leaves:
+        if operation == PARAMETER and not math.isfinite(known[number]):
+            raise QuestionError(f"parameter {operands[0]!r} of {program.name} is {known[number]}, and must be finite")
+    for number, operation, _ in program.setup:
+        if not math.isfinite(known[number]):
+            raise QuestionError(f"the parameters of {program.name} have no answer: {operation} gives {known[number]}")
     return known
 
 
