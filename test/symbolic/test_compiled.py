@@ -16,7 +16,7 @@ from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import sweep_forward
-from robot_dynamics.symbolic import compiled, llvm_kernel
+from robot_dynamics.symbolic import compiled, llvm_kernel, machine_code
 from robot_dynamics.symbolic.compiled import compile_program
 from robot_dynamics.symbolic.program import program_of
 from robot_dynamics.symbolic.scalar import INPUT, PARAMETER, Trace
@@ -329,6 +329,6 @@ def test_without_llvmlite(small, monkeypatch):
 
 def test_where_llvm_fails(small, monkeypatch):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
-    monkeypatch.setattr(compiled, "RUNTIME", "nonsense")
+    monkeypatch.setattr(machine_code, "RUNTIME", "nonsense")
     with pytest.raises(CompilationError, match="could not be compiled"):
         compile_program(small.program, {"offset": 0.0})
