@@ -4,8 +4,7 @@ import ctypes
 import math
 import sys
 from functools import partial
-from itertools import pairwise
-from threading import Lock, Thread
+from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,11 +14,14 @@ from robot_dynamics.symbolic.llvm_runtime import python_function
 from robot_dynamics.symbolic.machine_code import MachineCode
 from robot_dynamics.symbolic.scalar import PARAMETER
 from robot_dynamics.symbolic.settled import settled_values
+from robot_dynamics.symbolic.threads import in_threads
 
 WORK_OF_A_THREAD = 6e7
 """Statements times samples, about 1 ms, below which a thread may take longer to start than it saves."""
 
-LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)
+SHARES_OF_A_THREAD = 16
+"""In which the work is cut, so that no thread has long to wait for the last one."""
+LOOP = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_int64)
 
 
 def compile_program(program, parameters=None, key=None):
@@ -171,18 +173,16 @@ class CompiledProgram:
         strides = (ctypes.c_ssize_t * len(rows))(*rows)
         loop = self.prepare_batch()
 
-        def work(start, end, _arrays=arrays):  # which live as long as a thread works on them
-            loop(pointers, strides, start, end)
-
         enough = int(samples * max(1, sum(self.interface.operations)) / WORK_OF_A_THREAD)
-        shares = max(1, min(threads, enough))
-        bounds = [samples * share // shares for share in range(shares + 1)]
-        helpers = [Thread(target=work, args=share) for share in pairwise(bounds[1:])]
-        for helper in helpers:
-            helper.start()
-        work(*bounds[:2])
-        for helper in helpers:
-            helper.join()
+        threads = max(1, min(threads, enough))
+        shares = threads * SHARES_OF_A_THREAD if threads > 1 else 1
+        share = -(-samples // (8 * shares)) * 8  # whole blocks, of 4 or 8 samples
+        following = ctypes.c_int64(0)
+
+        def work(_arrays=arrays):  # which live as long as a thread works on them
+            loop(pointers, strides, ctypes.byref(following), share, samples)
+
+        in_threads(work, threads)
 
 
 def _document(interface):
