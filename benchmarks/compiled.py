@@ -12,8 +12,10 @@ import sys
 import tempfile
 import time
 from array import array
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from threading import Thread
 
 import numpy as np
 import pinocchio as pin
@@ -114,6 +116,31 @@ class Case:
         )
 
 
+def of_the_machine():
+    """(what, two threads, one thread) of work that is not ours: how far the machine lets a second thread help."""
+    few, many = np.random.default_rng(0).uniform(-1, 1, (2, 2000)), np.ones((2, 2_000_000))
+    copied = np.empty_like(many)
+
+    def sines(place):
+        for _ in range(50):
+            np.sin(few[place])
+
+    def copy(place):
+        np.copyto(copied[place], many[place])
+
+    def both(work):
+        helper = Thread(target=work, args=(1,))
+        helper.start()
+        work(0)
+        helper.join()
+
+    def in_turn(work):
+        work(0), work(1)
+
+    for what, work in (("sines by NumPy", sines), ("a copy of 32 MB by NumPy", copy)):
+        yield f"{what}, two threads beside one", partial(both, work), partial(in_turn, work)
+
+
 def without_friction(urdf):
     """The URDF with joints that lose nothing, as each peer counts friction in its own way."""
     return re.sub(r"<dynamics[^>]*/>", "", urdf)
@@ -189,13 +216,20 @@ def main():
             compiled, cached, operations = first_use(ROBOTS[name](), model)
             print(f"{f'{name}: {model}':<48} {compiled * 1e3:6.0f} ms {cached * 1e3:6.0f} ms   {operations}")
     print(f"\n{'':<48} {'ours':>12} {'the other':>12} {'ratio':>8}")
+    for what, ours, theirs in of_the_machine():
+        show(what, ours, theirs, 1, options.rounds)
     for name in options.robots:
         case = Case(ROBOTS[name](), options.batch)
         others = [] if name.startswith("talos") else case.other_peers()
         for what, ours, theirs, samples in [*case.calls("inverse"), *case.calls("direct"), *case.fallback(), *others]:
-            mine, other, ratio = side_by_side(ours, theirs, options.rounds)
-            told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
-            print(f"{f'{name}: {what}':<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}")
+            show(f"{name}: {what}", ours, theirs, samples, options.rounds)
+
+
+def show(what, ours, theirs, samples, rounds):
+    """A row of the table."""
+    mine, other, ratio = side_by_side(ours, theirs, rounds)
+    told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
+    print(f"{what:<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}", flush=True)
 
 
 if __name__ == "__main__":
