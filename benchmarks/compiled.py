@@ -5,6 +5,7 @@ is that many times faster. Batches of Pinocchio are its own rneaInParallel and a
 """
 
 import argparse
+import operator
 import os
 import platform
 import re
@@ -15,6 +16,7 @@ from array import array
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from shutil import which
 from threading import Thread
 
 import numpy as np
@@ -90,17 +92,16 @@ class Case:
         )
 
     def other_peers(self):
-        """(what, ours, theirs, samples) beside MuJoCo and Drake, where their wheels are installed: one inverse call."""
+        """(what, ours, theirs, samples) beside those of the PEERS whose wheels are installed: one inverse call."""
         program, out = self.dynamics.compile("inverse"), np.empty(len(self.order))
         q, qd, qdd = (np.ascontiguousarray(state[0]) for state in self.states)
-        expected = program.evaluate(q, qd, qdd)
-        for name, make in (("MuJoCo", mujoco_inverse), ("Drake", drake_inverse)):
+        expected = program.evaluate(q, qd, qdd) - self.dynamics.friction(qd)
+        for name, make in PEERS.items():
             try:
                 theirs = make(self.urdf, q, qd, qdd)
             except ImportError:
                 continue
-            found = theirs() + self.dynamics.friction(qd)
-            assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max(), f"{name} differs"
+            assert np.abs(theirs() - expected).max() < 1e-6 * np.abs(expected).max(), f"{name} differs"
             yield f"inverse, out=, beside {name}", lambda: program.evaluate(q, qd, qdd, out), theirs, 1
 
     def fallback(self):
@@ -180,6 +181,49 @@ def drake_inverse(urdf, q, qd, qdd):
     return call
 
 
+def casadi_inverse(urdf, q, qd, qdd, compiled=False):
+    """CasADi is given the statements of our own program, base parameters and all, as its wheels have no model of a
+    robot; so what is compared is how a program runs. In its virtual machine, or compiled by gcc -O3."""
+    import casadi
+
+    if compiled and not which("gcc"):
+        raise ImportError("CasADi compiles with gcc")
+    program = MODELS["inverse"](load_robot(without_friction(urdf)))
+    inputs = {name: casadi.SX.sym(name, size) for name, size in program.inputs.items()}
+    rules = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
+    rules |= {name: getattr(casadi, name) for name in ("sin", "cos", "sqrt", "sign")}
+    values = {}
+    for number, kind, operands in program.leaves:
+        values[number] = inputs[operands[0]][operands[1]] if kind == "input" else operands[0]
+    for number, operation, operands in program.setup + program.statements:
+        values[number] = rules[operation](*(values[operand] for operand in operands))
+    results = casadi.vertcat(*(sign * values[node] for node, sign in program.outputs[0].entries))
+    with tempfile.TemporaryDirectory() as folder:
+        compiler = {"flags": ["-O3", "-march=native"], "directory": folder + "/", "cleanup": False}
+        options = {"jit": True, "jit_cleanup": False, "compiler": "shell"}
+        options = options | {"jit_options": compiler} if compiled else {}
+        function = casadi.Function("inverse", list(inputs.values()), [results], options)
+    buffer, call = function.buffer()
+    out, given = np.zeros(len(q)), (q, qd, qdd)
+    for place, numbers in enumerate(given):
+        buffer.set_arg(place, memoryview(numbers))
+    buffer.set_res(0, memoryview(out))
+
+    def evaluate(_kept=(function, buffer, given)):
+        call()
+        return out
+
+    return evaluate
+
+
+PEERS = {
+    "MuJoCo": mujoco_inverse,
+    "Drake": drake_inverse,
+    "CasADi": casadi_inverse,
+    "CasADi and gcc": partial(casadi_inverse, compiled=True),
+}
+
+
 def first_use(urdf, model):
     """(trace and compile [s], cached load [s], operations) of a model, with an empty cache and with a full one."""
     robot = load_robot(urdf)
@@ -207,7 +251,7 @@ def main():
     parser.add_argument("--batch", type=int, default=100_000)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     options = parser.parse_args()
-    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco", "drake")))
+    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco", "drake", "casadi")))
     print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
     Dynamics(load_robot("ur5e")).compile("gravity")  # the import of llvmlite is not what is measured
     print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
