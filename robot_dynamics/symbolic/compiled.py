@@ -16,9 +16,8 @@ from robot_dynamics.symbolic.scalar import PARAMETER
 from robot_dynamics.symbolic.settled import settled_values
 from robot_dynamics.symbolic.threads import in_threads
 
-WORK_OF_A_THREAD = 6e7
-"""Statements times samples, about 1 ms, below which a thread may take longer to start than it saves."""
-
+WORK_OF_A_THREAD = 2e7
+"""Statements times samples, about 0.4 ms, below which a thread may take longer to start than it saves."""
 SHARES_OF_A_THREAD = 16
 """In which the work is cut, so that no thread has long to wait for the last one."""
 LOOP = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_int64)
