@@ -5,6 +5,7 @@ is that many times faster. Batches of Pinocchio are its own rneaInParallel and a
 """
 
 import argparse
+import operator
 import os
 import platform
 import re
@@ -12,8 +13,11 @@ import sys
 import tempfile
 import time
 from array import array
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from shutil import which
+from threading import Thread
 
 import numpy as np
 import pinocchio as pin
@@ -88,17 +92,16 @@ class Case:
         )
 
     def other_peers(self):
-        """(what, ours, theirs, samples) beside MuJoCo and Drake, where their wheels are installed: one inverse call."""
+        """(what, ours, theirs, samples) beside those of the PEERS whose wheels are installed: one inverse call."""
         program, out = self.dynamics.compile("inverse"), np.empty(len(self.order))
         q, qd, qdd = (np.ascontiguousarray(state[0]) for state in self.states)
-        expected = program.evaluate(q, qd, qdd)
-        for name, make in (("MuJoCo", mujoco_inverse), ("Drake", drake_inverse)):
+        expected = program.evaluate(q, qd, qdd) - self.dynamics.friction(qd)
+        for name, make in PEERS.items():
             try:
                 theirs = make(self.urdf, q, qd, qdd)
             except ImportError:
                 continue
-            found = theirs() + self.dynamics.friction(qd)
-            assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max(), f"{name} differs"
+            assert np.abs(theirs() - expected).max() < 1e-6 * np.abs(expected).max(), f"{name} differs"
             yield f"inverse, out=, beside {name}", lambda: program.evaluate(q, qd, qdd, out), theirs, 1
 
     def fallback(self):
@@ -112,6 +115,31 @@ class Case:
             lambda: self.dynamics.inverse(*arrays),
             1,
         )
+
+
+def of_the_machine():
+    """(what, two threads, one thread) of work that is not ours: how far the machine lets a second thread help."""
+    few, many = np.random.default_rng(0).uniform(-1, 1, (2, 2000)), np.ones((2, 2_000_000))
+    copied = np.empty_like(many)
+
+    def sines(place):
+        for _ in range(50):
+            np.sin(few[place])
+
+    def copy(place):
+        np.copyto(copied[place], many[place])
+
+    def both(work):
+        helper = Thread(target=work, args=(1,))
+        helper.start()
+        work(0)
+        helper.join()
+
+    def in_turn(work):
+        work(0), work(1)
+
+    for what, work in (("sines by NumPy", sines), ("a copy of 32 MB by NumPy", copy)):
+        yield f"{what}, two threads beside one", partial(both, work), partial(in_turn, work)
 
 
 def without_friction(urdf):
@@ -153,6 +181,49 @@ def drake_inverse(urdf, q, qd, qdd):
     return call
 
 
+def casadi_inverse(urdf, q, qd, qdd, compiled=False):
+    """CasADi is given the statements of our own program, base parameters and all, as its wheels have no model of a
+    robot; so what is compared is how a program runs. In its virtual machine, or compiled by gcc -O3."""
+    import casadi
+
+    if compiled and not which("gcc"):
+        raise ImportError("CasADi compiles with gcc")
+    program = MODELS["inverse"](load_robot(without_friction(urdf)))
+    inputs = {name: casadi.SX.sym(name, size) for name, size in program.inputs.items()}
+    rules = {"add": operator.add, "subtract": operator.sub, "multiply": operator.mul, "divide": operator.truediv}
+    rules |= {name: getattr(casadi, name) for name in ("sin", "cos", "sqrt", "sign")}
+    values = {}
+    for number, kind, operands in program.leaves:
+        values[number] = inputs[operands[0]][operands[1]] if kind == "input" else operands[0]
+    for number, operation, operands in program.setup + program.statements:
+        values[number] = rules[operation](*(values[operand] for operand in operands))
+    results = casadi.vertcat(*(sign * values[node] for node, sign in program.outputs[0].entries))
+    with tempfile.TemporaryDirectory() as folder:
+        compiler = {"flags": ["-O3", "-march=native"], "directory": folder + "/", "cleanup": False}
+        options = {"jit": True, "jit_cleanup": False, "compiler": "shell"}
+        options = options | {"jit_options": compiler} if compiled else {}
+        function = casadi.Function("inverse", list(inputs.values()), [results], options)
+    buffer, call = function.buffer()
+    out, given = np.zeros(len(q)), (q, qd, qdd)
+    for place, numbers in enumerate(given):
+        buffer.set_arg(place, memoryview(numbers))
+    buffer.set_res(0, memoryview(out))
+
+    def evaluate(_kept=(function, buffer, given)):
+        call()
+        return out
+
+    return evaluate
+
+
+PEERS = {
+    "MuJoCo": mujoco_inverse,
+    "Drake": drake_inverse,
+    "CasADi": casadi_inverse,
+    "CasADi and gcc": partial(casadi_inverse, compiled=True),
+}
+
+
 def first_use(urdf, model):
     """(trace and compile [s], cached load [s], operations) of a model, with an empty cache and with a full one."""
     robot = load_robot(urdf)
@@ -180,7 +251,7 @@ def main():
     parser.add_argument("--batch", type=int, default=100_000)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     options = parser.parse_args()
-    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco", "drake")))
+    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco", "drake", "casadi")))
     print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
     Dynamics(load_robot("ur5e")).compile("gravity")  # the import of llvmlite is not what is measured
     print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
@@ -189,13 +260,20 @@ def main():
             compiled, cached, operations = first_use(ROBOTS[name](), model)
             print(f"{f'{name}: {model}':<48} {compiled * 1e3:6.0f} ms {cached * 1e3:6.0f} ms   {operations}")
     print(f"\n{'':<48} {'ours':>12} {'the other':>12} {'ratio':>8}")
+    for what, ours, theirs in of_the_machine():
+        show(what, ours, theirs, 1, options.rounds)
     for name in options.robots:
         case = Case(ROBOTS[name](), options.batch)
         others = [] if name.startswith("talos") else case.other_peers()
         for what, ours, theirs, samples in [*case.calls("inverse"), *case.calls("direct"), *case.fallback(), *others]:
-            mine, other, ratio = side_by_side(ours, theirs, options.rounds)
-            told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
-            print(f"{f'{name}: {what}':<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}")
+            show(f"{name}: {what}", ours, theirs, samples, options.rounds)
+
+
+def show(what, ours, theirs, samples, rounds):
+    """A row of the table."""
+    mine, other, ratio = side_by_side(ours, theirs, rounds)
+    told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
+    print(f"{what:<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.symbolic.c_code import c_name, c_source
 from robot_dynamics.symbolic.compiled_models import MODELS
 from robot_dynamics.symbolic.models import pose_model
-from robot_dynamics.symbolic.python_code import python_source
+from robot_dynamics.symbolic.python_source import python_source
 
 NAME = "generate"
 

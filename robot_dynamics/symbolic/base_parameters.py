@@ -24,10 +24,14 @@ def gathered(robot):
     base and its wrench are those of the given robot; what joints carry besides their efforts is not.
     """
     inertias = [link.inertia for link in robot.links]
+    turned_about = _only_directions(robot)
     for number in range(len(robot.joints), 0, -1):
         joint = robot.joints[number - 1]
         moved = _symmetric_part(inertias[number]) if not joint.prismatic else _massless_part(inertias[number])
         inertias[number] = _without(inertias[number], moved)
+        if joint.prismatic and turned_about[number] is not None:
+            inertias[number], first = _slid(inertias[number], turned_about[number])
+            moved += first
         inertias[joint.antecedent] += moved.seen_from(joint.placement)
     joints = list(robot.joints)
     for number, joint in enumerate(robot.joints, start=1):
@@ -77,6 +81,43 @@ def _as_body(joint):
 
 def _massless_part(inertia):
     return Inertia(0.0, np.zeros(3), inertia.second_moments)
+
+
+def _only_directions(robot):
+    """For each link the direction a (3,) in its frame about which alone it can turn: a unit vector; zero where it
+    cannot turn at all; None where it turns about several, the base may move, or nobody knows as angles are symbols."""
+    directions = [None if robot.moving_base else np.zeros(3)]
+    for joint in robot.joints:
+        a = directions[joint.antecedent]
+        try:
+            R = np.asarray(joint.placement[:3, :3], dtype=float)
+        except TypeError:
+            a = None
+        if a is not None:
+            a = a @ R
+            if not joint.prismatic:
+                a = None if a[:2].any() else np.array([0.0, 0.0, 1.0])
+        directions.append(a)
+    return directions
+
+
+def _slid(inertia, a):
+    """(what is left of a link that slides, what moves to its antecedent), where it turns about the direction a alone.
+
+    First moments along a exert no force, and a moment that no joint feels: as much of them may be added as makes
+    another entry zero. Where the link slides along a, those across a exert the same wherever it is.
+    """
+    first = inertia.first_moments.copy()
+    nothing = 0 * inertia.first_moments
+    if not a.any():
+        return Inertia(inertia.mass, nothing, inertia.second_moments), Inertia()
+    if not a[:2].any():
+        first[2] = 0 * first[2]
+        return Inertia(inertia.mass, nothing, inertia.second_moments), Inertia(0.0, first)
+    largest = np.argmax(np.abs(a))
+    first = first - first[largest] / a[largest] * a
+    first[largest] = nothing[largest]
+    return Inertia(inertia.mass, first, inertia.second_moments), Inertia()
 
 
 def _without(inertia, part):

@@ -3,84 +3,71 @@
 import ctypes
 import math
 import sys
-from itertools import pairwise
-from threading import Lock, Thread
+from functools import partial
+from threading import Lock
 from types import SimpleNamespace
 
 import numpy as np
 
 from robot_dynamics.errors import CompilationError, QuestionError, unknown_name
-from robot_dynamics.symbolic.llvm_batch import batch_function
-from robot_dynamics.symbolic.llvm_entry import entry_text, signature
-from robot_dynamics.symbolic.llvm_kernel import block_function, sample_function
-from robot_dynamics.symbolic.llvm_runtime import python_function, table
-from robot_dynamics.symbolic.llvm_sincos import functions
-from robot_dynamics.symbolic.program import constants
-from robot_dynamics.symbolic.scalar import (
-    ADD,
-    COSINE,
-    DIVIDE,
-    MULTIPLY,
-    PARAMETER,
-    SIGN,
-    SINE,
-    SQUARE_ROOT,
-    SUBTRACT,
-)
+from robot_dynamics.symbolic.llvm_runtime import python_function
+from robot_dynamics.symbolic.machine_code import MachineCode
+from robot_dynamics.symbolic.scalar import PARAMETER
+from robot_dynamics.symbolic.settled import settled_values
+from robot_dynamics.symbolic.threads import in_threads
 
-WORK_OF_A_THREAD = 6e7
-"""Statements times samples, about 1 ms, below which a thread may take longer to start than it saves."""
-
-RUNTIME = "@runtime = external global ptr"
-LOOP = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_ssize_t, ctypes.c_ssize_t)
-
-OPERATIONS = {
-    ADD: lambda a, b: a + b,
-    SUBTRACT: lambda a, b: a - b,
-    MULTIPLY: lambda a, b: a * b,
-    DIVIDE: lambda a, b: a / b,
-    SINE: math.sin,
-    COSINE: math.cos,
-    SQUARE_ROOT: math.sqrt,
-    SIGN: lambda a: math.copysign(1.0, a) if a else 0.0,
-}
+WORK_OF_A_THREAD = 2e7
+"""Statements times samples, about 0.4 ms, below which a thread may take longer to start than it saves."""
+SHARES_OF_A_THREAD = 16
+"""In which the work is cut, so that no thread has long to wait for the last one."""
+LOOP = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_int64)
 
 
-def compile_program(program, parameters=None):
+def compile_program(program, parameters=None, key=None):
     """The CompiledProgram of a Program, for {name: value} of its parameters, which become constants of the code.
+
+    key: a text that stands for the program and the values, under which `load_program` finds it again.
 
     Raises CompilationError where llvmlite is missing or fails, and QuestionError for parameters that do not fit.
     """
-    return CompiledProgram(program, known_values(program, parameters or {}))
+    if not program.outputs:
+        raise ValueError(f"{program.name} has no output to compute")
+    traced = program, known_values(program, parameters or {})
+    code = MachineCode(program.interface, lambda: traced, key)
+    made = CompiledProgram(code)
+    code.keep()
+    return made
+
+
+def load_program(key, trace):
+    """The CompiledProgram that was kept for a key, None if there is none.
+
+    trace: a function that gives the Program, without parameters, for when someone asks for its statements. Raises
+    CompilationError where llvmlite fails.
+    """
+    code = MachineCode.kept(key, lambda: (program := trace(), known_values(program, {})))
+    return None if code is None else CompiledProgram(code)
 
 
 def known_values(program, parameters):
-    """{node: float} of all that a Program knows before a call: constants, parameters, and what follows from them.
-
-    Raises QuestionError for names that are missing or unknown and for values that are not finite.
-    """
+    """{node: float} of all that a Program knows before a call, for {name: value} of its parameters, all finite."""
     for name in parameters:
         if name not in program.parameters:
             raise QuestionError(unknown_name(f"parameter of {program.name}", name, program.parameters))
-    missing = [name for name in program.parameters if name not in parameters]
-    if missing:
-        raise QuestionError(f"{program.name} needs a value for {', '.join(map(repr, missing[:40]))}")
-    known = constants(program)
-    for leaf in program.leaves:
-        if leaf.operation == PARAMETER:
-            value = known[leaf.number] = float(parameters[leaf.operands[0]])
-            if not math.isfinite(value):
-                raise QuestionError(f"parameter {leaf.operands[0]!r} of {program.name} is {value}, and must be finite")
-    for number, operation, operands in program.setup:
-        try:
-            known[number] = OPERATIONS[operation](*(known[operand] for operand in operands))
-        except (ArithmeticError, ValueError) as error:
-            raise QuestionError(f"the parameters of {program.name} have no answer: {error} in {operation}") from error
+    known = settled_values(program, parameters)
+    for number, operation, operands in program.leaves:
+        if operation == PARAMETER and not math.isfinite(known[number]):
+            raise QuestionError(f"parameter {operands[0]!r} of {program.name} is {known[number]}, and must be finite")
+    for number, operation, _ in program.setup:
+        if not math.isfinite(known[number]):
+            raise QuestionError(f"the parameters of {program.name} have no answer: {operation} gives {known[number]}")
     return known
 
 
 class CompiledProgram:
     """A Program as machine code.
+
+    interface: its name, inputs, outputs and operations.
 
     evaluate(*inputs) gives new arrays, one, or a tuple if there are several; evaluate(*inputs, *outputs) writes into
     the outputs and gives None. Each argument is a C-contiguous buffer of float64 with as many numbers as the program
@@ -90,41 +77,26 @@ class CompiledProgram:
     nan or inf in an input make nan or inf of what depends on it, in that sample alone.
     """
 
-    def __init__(self, program, known):
-        if not program.outputs:
-            raise ValueError(f"{program.name} has no output to compute")
-        self.program, self._known = program, known
-        self._inputs = list(program.inputs.items())
-        self._outputs = [(output.name, output.shape) for output in program.outputs]
+    def __init__(self, code):
+        self._code, self.interface = code, code.interface
+        self._inputs, self._outputs = list(self.interface.inputs.items()), self.interface.outputs
         self._lock, self._loop = Lock(), None
-        self._library = _translated(self._load_evaluate)
+        self._library = _translated(code.one)
         owner = SimpleNamespace(library=self._library)
-        self.evaluate = python_function(self._library["evaluate"], program.name, _document(program), owner)
+        self.evaluate = python_function(
+            self._library["evaluate"], self.interface.name, _document(self.interface), owner
+        )
 
-    def _load_evaluate(self):
-        from robot_dynamics.symbolic.llvm_engine import Library, fused
-
-        sample, widths = sample_function(self.program, self._known)
-        described = signature(self.program.name, self.program.inputs, dict(self._outputs))
-        text = "\n".join([described, RUNTIME, *(functions(width, fused()) for width in sorted(widths)), sample])
-        library = Library([text, entry_text()], ["evaluate", "sample", "runtime"])
-        addresses = table()
-        ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
-        return library
-
-    def _load_batch(self):
-        from robot_dynamics.symbolic.llvm_engine import Library, fused, lanes
-
-        block = block_function(self.program, self._known, lanes())
-        loop = batch_function(len(self._inputs) + len(self._outputs), lanes())
-        text = "\n".join([RUNTIME, functions(lanes(), fused()), block, loop])
-        return Library([text], ["batch"], {name: self._library[name] for name in ("sample", "runtime")})
+    @property
+    def program(self):
+        """The Program; traced now where the machine code was loaded without it."""
+        return self._code.program
 
     def prepare_batch(self):
         """Compile what `batch` runs, if it is not yet; the first `batch` does it otherwise. Raises CompilationError."""
         with self._lock:
             if self._loop is None:
-                library = _translated(self._load_batch)
+                library = _translated(partial(self._code.many, self._library))
                 self._loop = LOOP(library["batch"])
                 self._loop.libraries = library, self._library  # it calls `sample` of the other
         return self._loop
@@ -157,11 +129,11 @@ class CompiledProgram:
         """(arrays of float64, number of samples) of the arguments of `batch`."""
         if len(arrays) != len(self._inputs):
             names = ", ".join(name for name, _ in self._inputs)
-            raise TypeError(f"{self.program.name} takes {len(self._inputs)} arrays ({names}), not {len(arrays)}")
+            raise TypeError(f"{self.interface.name} takes {len(self._inputs)} arrays ({names}), not {len(arrays)}")
         given, rows = [], {}
         for place, ((name, size), array) in enumerate(zip(self._inputs, arrays, strict=True), start=1):
             array = np.asarray(array)
-            where = f"{self.program.name}: argument {place} ({name})"
+            where = f"{self.interface.name}: argument {place} ({name})"
             if array.dtype.kind not in "fiu":
                 raise TypeError(f"{where} must hold float64, not {array.dtype}")
             if array.shape != (size,) and (array.ndim != 2 or array.shape[1] != size):
@@ -171,7 +143,7 @@ class CompiledProgram:
             given.append(np.ascontiguousarray(array, dtype=np.float64))
         if len(set(rows.values())) != 1:
             told = ", ".join(f"{name} has {count}" for name, count in rows.items()) or "no array has rows"
-            raise ValueError(f"{self.program.name}: the arrays must have the same number of samples, but {told}")
+            raise ValueError(f"{self.interface.name}: the arrays must have the same number of samples, but {told}")
         return given, next(iter(rows.values()))
 
     def _results(self, out, samples):
@@ -181,15 +153,15 @@ class CompiledProgram:
             return [np.empty(shape) for _, shape in shapes]
         told = [out] if isinstance(out, np.ndarray) else list(out)
         if len(told) != len(shapes):
-            raise ValueError(f"{self.program.name} writes into {len(shapes)} arrays, not {len(told)}")
+            raise ValueError(f"{self.interface.name} writes into {len(shapes)} arrays, not {len(told)}")
         for (name, shape), array in zip(shapes, told, strict=True):
-            where = f"{self.program.name}: the array for {name}"
+            where = f"{self.interface.name}: the array for {name}"
             if not isinstance(array, np.ndarray) or array.dtype != np.float64:
                 raise TypeError(f"{where} must be a NumPy array of float64")
             if array.shape != shape or not (array.flags.c_contiguous and array.flags.writeable):
                 raise ValueError(f"{where} must be C-contiguous, writable and of the shape {shape}, not {array.shape}")
         if any(np.may_share_memory(a, b) for place, a in enumerate(told) for b in told[:place]):
-            raise ValueError(f"{self.program.name}: the arrays to write into must not overlap")
+            raise ValueError(f"{self.interface.name}: the arrays to write into must not overlap")
         return told
 
     def _run(self, given, results, samples, threads):
@@ -200,23 +172,21 @@ class CompiledProgram:
         strides = (ctypes.c_ssize_t * len(rows))(*rows)
         loop = self.prepare_batch()
 
-        def work(start, end, _arrays=arrays):  # which live as long as a thread works on them
-            loop(pointers, strides, start, end)
+        enough = int(samples * max(1, sum(self.interface.operations)) / WORK_OF_A_THREAD)
+        threads = max(1, min(threads, enough))
+        shares = threads * SHARES_OF_A_THREAD if threads > 1 else 1
+        share = -(-samples // (8 * shares)) * 8  # whole blocks, of 4 or 8 samples
+        following = ctypes.c_int64(0)
 
-        enough = int(samples * max(1, len(self.program.statements)) / WORK_OF_A_THREAD)
-        shares = max(1, min(threads, enough))
-        bounds = [samples * share // shares for share in range(shares + 1)]
-        helpers = [Thread(target=work, args=share) for share in pairwise(bounds[1:])]
-        for helper in helpers:
-            helper.start()
-        work(*bounds[:2])
-        for helper in helpers:
-            helper.join()
+        def work(_arrays=arrays):  # which live as long as a thread works on them
+            loop(pointers, strides, ctypes.byref(following), share, samples)
+
+        in_threads(work, threads)
 
 
-def _document(program):
-    arguments = ", ".join([*program.inputs, *(output.name for output in program.outputs)])
-    return f"{program.name}({arguments})\n\nWithout the outputs it gives new arrays; see CompiledProgram."
+def _document(interface):
+    arguments = ", ".join([*interface.inputs, *(name for name, _ in interface.outputs)])
+    return f"{interface.name}({arguments})\n\nWithout the outputs it gives new arrays; see CompiledProgram."
 
 
 def _translated(load):

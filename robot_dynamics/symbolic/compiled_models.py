@@ -2,13 +2,15 @@
 
 import logging
 import time
+from functools import cache, partial
 from threading import Lock, Thread
 
 import numpy as np
 
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.symbolic import models
-from robot_dynamics.symbolic.compiled import CompiledProgram, compile_program
+from robot_dynamics.symbolic.compiled import CompiledProgram, compile_program, load_program
+from robot_dynamics.symbolic.fingerprint import fingerprint
 from robot_dynamics.symbolic.python_code import python_batch, python_function
 
 logger = logging.getLogger(__name__)
@@ -31,7 +33,7 @@ class PythonProgram:
     """A Program run as Python, with the entries of a CompiledProgram: where nothing compiles."""
 
     def __init__(self, program):
-        self.program = program
+        self.program, self.interface = program, program.interface
         self._one, self._many = python_function(program), python_batch(program)
 
     def evaluate(self, *arguments):
@@ -106,18 +108,21 @@ class CompiledModels:
     def _made(self, name, wrenches, told, guarded):
         started = time.perf_counter()
         options = {"wrenches": wrenches, "told": told, "guarded": guarded} if name in ("inverse", "direct") else {}
+        trace, key = cache(partial(self._traced, name, options)), fingerprint(self._robot, name, options)
         try:
-            program = MODELS[name](self._robot, **options)
-        except ZeroDivisionError:
-            raise SingularModelError(f"{name}: nothing with inertia resists some motion, whatever the state") from None
-        try:
-            made = compile_program(program)
+            made = (key and load_program(key, trace)) or compile_program(trace(), key=key)
         except CompilationError as error:
             _warn_once(str(error))
-            made = PythonProgram(program)
-        logger.debug("%s of %r: %s, ready in %.3f s", name, self._robot.name, program.operations,
+            made = PythonProgram(trace())
+        logger.debug("%s of %r: %s, ready in %.3f s", name, self._robot.name, made.interface.operations,
                      time.perf_counter() - started)  # fmt: skip
         return made
+
+    def _traced(self, name, options):
+        try:
+            return MODELS[name](self._robot, **options)
+        except ZeroDivisionError:
+            raise SingularModelError(f"{name}: nothing with inertia resists some motion, whatever the state") from None
 
 
 _warned = set()

@@ -1,14 +1,19 @@
-"""The loop over samples, as LLVM IR text: block after block of as many samples as a vector has lanes."""
+"""The loop over samples, as LLVM IR text: block after block of as many samples as a vector has lanes.
+
+Threads that work on one batch take share after share of its samples, each the next that nobody has: none waits for
+another that began late or runs on a busy core.
+"""
 
 from string import Template
 
 
 def batch_function(arrays, lanes):
-    """IR of `@batch(ptr %pointers, ptr %strides, i64 %start, i64 %end)`, samples start to end - 1 of so many arrays.
+    """IR of `@batch(ptr %pointers, ptr %strides, ptr %next, i64 %share, i64 %samples)`, for so many arrays.
 
-    Row i of an array is i strides [bytes] after its pointer. The last block computes the last sample in every lane that
-    is left over. A sample with an angle out of the vectors' range is computed again by itself. Outputs must not overlap
-    inputs.
+    Row i of an array is i strides [bytes] after its pointer. %next: where the number of the first sample lies that is
+    in no share yet; it grows by a share at a time. The last block of a share computes the last sample in every lane
+    that is left over. A sample with an angle out of the vectors' range is computed again by itself. Outputs must not
+    overlap inputs.
     """
     rows = "".join(ROW.substitute(array=array) for array in range(arrays))
     return BATCH.substitute(arrays=arrays, lanes=lanes, rows=rows)
@@ -25,16 +30,21 @@ ROW = Template("""
   store ptr %row$array, ptr %row$array.at, align 8""")
 
 BATCH = Template("""
-declare i64 @llvm.smin.i64(i64, i64)
 declare void @sample(ptr)
-define void @batch(ptr %pointers, ptr %strides, i64 %start, i64 %end) noinline {
+declare i64 @llvm.smin.i64(i64, i64)
+define void @batch(ptr %pointers, ptr %strides, ptr %next, i64 %share, i64 %samples) noinline {
 entry:
+  br label %take
+take:
+  %start = atomicrmw add ptr %next, i64 %share monotonic
+  %all = add i64 %start, %share
+  %end = call i64 @llvm.smin.i64(i64 %all, i64 %samples)
   %last = sub i64 %end, 1
-  %some = icmp slt i64 %start, %end
+  %some = icmp slt i64 %start, %samples
   br i1 %some, label %blocks, label %done
 blocks:
-  %first = phi i64 [%start, %entry], [%next, %continue]
-  %next = add i64 %first, $lanes
+  %first = phi i64 [%start, %take], [%following, %continue]
+  %following = add i64 %first, $lanes
   %wide = call i$lanes @block(ptr %pointers, ptr %strides, i64 %first, i64 %last)
   %right = icmp eq i$lanes %wide, 0
   br i1 %right, label %continue, label %again
@@ -42,8 +52,8 @@ again:
   call void @one_by_one(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %wide)
   br label %continue
 continue:
-  %more = icmp slt i64 %next, %end
-  br i1 %more, label %blocks, label %done
+  %more = icmp slt i64 %following, %end
+  br i1 %more, label %blocks, label %take
 done:
   ret void
 }

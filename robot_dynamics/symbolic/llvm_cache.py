@@ -1,4 +1,4 @@
-"""Object code kept on disk, by a hash of all that it was made from.
+"""Object code, and what is to be known of it, kept on disk by a hash of all that it was made from.
 
 The directory is $ROBOT_DYNAMICS_CACHE (set and empty: nothing is kept), else robot_dynamics in $XDG_CACHE_HOME or in
 ~/.cache. What lies there is run as code: the directory must belong to this user and nobody else may write there, or it

@@ -1,12 +1,13 @@
 """How the Python function of a program checks its arguments, as LLVM IR text; every refusal says which one was wrong.
 
-An array of NumPy's own type and of float64 is read where it lies; all else goes by the buffer protocol.
+An array of float64 of NumPy's own type or of `array.array` itself is read where it lies; all else goes by the buffer
+protocol.
 """
 
 import sys
 from string import Template
 
-from robot_dynamics.symbolic.llvm_runtime import HEAD, SLOTS, ArrayFields, BufferFields
+from robot_dynamics.symbolic.llvm_runtime import HEAD, SLOTS, ArrayFields, BufferFields, SequenceFields
 
 TEXTS = {
     "no_buffer": "%s: argument %zd (%s) must be a contiguous buffer of float64, not %.100s",
@@ -18,10 +19,11 @@ TEXTS = {
 }
 
 FIELDS = {
-    # bytes from the beginning of an object, of an array or of a Py_buffer
+    # bytes from the beginning of an object, of an array, of an array.array ("sequence") or of a Py_buffer
     "type_at": HEAD - 8,
     "type_name_at": HEAD + 8,
     **{f"array_{field}": HEAD + getattr(ArrayFields, field).offset for field, _ in ArrayFields._fields_},
+    **{f"sequence_{field}": HEAD + getattr(SequenceFields, field).offset for field, _ in SequenceFields._fields_},
     **{f"view_{field}": getattr(BufferFields, field).offset for field, _ in BufferFields._fields_},
     "view_words": BufferFields.internal.offset // 8 + 1,
     "native": ord("<" if sys.byteorder == "little" else ">"),
@@ -44,21 +46,34 @@ def checks():
 
 CHECKS = Template("""
 
-; Whether an object is of NumPy's own array type and of float64. A type derived from it may say other things of itself.
-define internal i1 @is_plain(ptr %object) alwaysinline {
+; 1 for an array of float64 of NumPy's own type, 2 for an array.array("d"), 0 for all else: types derived from these
+; may say other things of themselves.
+define internal i8 @kind(ptr %object) alwaysinline {
   %type.at = getelementptr i8, ptr %object, i64 $type_at
   %type = load ptr, ptr %type.at
   %ndarray = load ptr, ptr $ndarray
   %is_array = icmp eq ptr %type, %ndarray
-  br i1 %is_array, label %array, label %other
+  br i1 %is_array, label %array, label %no_array
 array:
   %dtype.at = getelementptr i8, ptr %object, i64 $array_dtype
   %dtype = load ptr, ptr %dtype.at
   %float64 = load ptr, ptr $float64
   %is_float64 = icmp eq ptr %dtype, %float64
-  ret i1 %is_float64
+  %array.kind = zext i1 %is_float64 to i8
+  ret i8 %array.kind
+no_array:
+  %sequence_type = load ptr, ptr $sequence_type
+  %is_sequence = icmp eq ptr %type, %sequence_type
+  br i1 %is_sequence, label %sequence, label %other
+sequence:
+  %description.at = getelementptr i8, ptr %object, i64 $sequence_description
+  %description = load ptr, ptr %description.at
+  %doubles = load ptr, ptr $sequence_of_doubles
+  %is_doubles = icmp eq ptr %description, %doubles
+  %sequence.kind = select i1 %is_doubles, i8 2, i8 0
+  ret i8 %sequence.kind
 other:
-  ret i1 false
+  ret i8 0
 }
 
 define internal void @refuse(ptr %kind.at, ptr %text, i64 %place, i64 %needed, i64 %found) noinline cold {
@@ -77,6 +92,19 @@ define internal void @refuse_text(ptr %text, i64 %place, ptr %found) noinline co
   %number = ptrtoint ptr %found to i64
   call void @refuse(ptr $TypeError, ptr %text, i64 %place, i64 %number, i64 0)
   ret void
+}
+
+; Whether an argument holds as many numbers as it must; if not, an exception is set.
+define internal i1 @counts(i64 %found, i64 %place) alwaysinline {
+  %needed.at = getelementptr %argument, ptr @arguments, i64 %place, i32 0
+  %needed = load i64, ptr %needed.at
+  %right = icmp eq i64 %found, %needed
+  br i1 %right, label %yes, label %no
+no:
+  call void @refuse(ptr $ValueError, ptr @text.other_count, i64 %place, i64 %needed, i64 %found)
+  ret i1 false
+yes:
+  ret i1 true
 }
 
 define internal i1 @is_double(ptr %format) noinline cold {
@@ -170,20 +198,13 @@ size:
   %bytes.at = getelementptr i8, ptr %view, i64 $view_bytes
   %bytes = load i64, ptr %bytes.at
   %found = sdiv i64 %bytes, 8
-  %needed.at = getelementptr %argument, ptr @arguments, i64 %place, i32 0
-  %needed = load i64, ptr %needed.at
-  %right_size = icmp eq i64 %found, %needed
-  br i1 %right_size, label %yes, label %other_count
-other_count:
-  call void @refuse(ptr $ValueError, ptr @text.other_count, i64 %place, i64 %needed, i64 %found)
-  br label %no
-yes:
-  ret i1 true
+  %right_size = call i1 @counts(i64 %found, i64 %place)
+  ret i1 %right_size
 no:
   ret i1 false
 }
 
-define internal i64 @count(ptr %sizes, i32 %axes) noinline {
+define internal i64 @product(ptr %sizes, i32 %axes) noinline {
 entry:
   br label %head
 head:
@@ -201,14 +222,8 @@ done:
   ret i64 %product
 }
 
-; Whether an array of the plain kind fits; if not, an exception is set.
+; Whether an array of NumPy's fits; if not, an exception is set.
 define internal i1 @fits(ptr %object, i64 %place) alwaysinline {
-  %plain = call i1 @is_plain(ptr %object) ; still: a buffer's own code may have changed it
-  br i1 %plain, label %flags, label %other_type
-other_type:
-  call void @refuse(ptr $TypeError, ptr @text.other_type, i64 %place, i64 0, i64 0)
-  ret i1 false
-flags:
   %flags.at = getelementptr i8, ptr %object, i64 $array_flags
   %has = load i32, ptr %flags.at
   %needs.at = getelementptr %argument, ptr @arguments, i64 %place, i32 4
@@ -219,36 +234,55 @@ flags:
 unfit:
   %piece = and i32 %has, 1
   %one_piece = icmp ne i32 %piece, 0
-  br i1 %one_piece, label %read_only, label %scattered
-read_only:
-  call void @refuse(ptr $ValueError, ptr @text.read_only, i64 %place, i64 0, i64 0)
-  ret i1 false
-scattered:
-  call void @refuse(ptr $ValueError, ptr @text.scattered, i64 %place, i64 0, i64 0)
+  %text = select i1 %one_piece, ptr @text.read_only, ptr @text.scattered
+  call void @refuse(ptr $ValueError, ptr %text, i64 %place, i64 0, i64 0)
   ret i1 false
 size:
   %axes.at = getelementptr i8, ptr %object, i64 $array_dimensions
   %axes = load i32, ptr %axes.at
   %sizes.at = getelementptr i8, ptr %object, i64 $array_shape
   %sizes = load ptr, ptr %sizes.at
-  %needed.at = getelementptr %argument, ptr @arguments, i64 %place, i32 0
-  %needed = load i64, ptr %needed.at
   %row = icmp eq i32 %axes, 1
   br i1 %row, label %one, label %many
 one:
   %length = load i64, ptr %sizes
   br label %compare
 many:
-  %product = call i64 @count(ptr %sizes, i32 %axes)
+  %product = call i64 @product(ptr %sizes, i32 %axes)
   br label %compare
 compare:
   %found = phi i64 [%length, %one], [%product, %many]
-  %right = icmp eq i64 %found, %needed
-  br i1 %right, label %yes, label %other_count
-other_count:
-  call void @refuse(ptr $ValueError, ptr @text.other_count, i64 %place, i64 %needed, i64 %found)
-  ret i1 false
-yes:
-  ret i1 true
+  %right = call i1 @counts(i64 %found, i64 %place)
+  ret i1 %right
+}
+
+; Where the numbers of an argument are that is read where it lies, and whether it fits; if not, an exception is set.
+define internal {i1, ptr} @located(ptr %object, i64 %place) alwaysinline {
+  %kind = call i8 @kind(ptr %object) ; once more: a buffer's own code may have changed it
+  switch i8 %kind, label %other_type [i8 1, label %array i8 2, label %sequence]
+other_type:
+  call void @refuse(ptr $TypeError, ptr @text.other_type, i64 %place, i64 0, i64 0)
+  br label %end
+array:
+  %array.fits = call i1 @fits(ptr %object, i64 %place)
+  %array.data.at = getelementptr i8, ptr %object, i64 $array_data
+  br label %found
+sequence:
+  %length.at = getelementptr i8, ptr %object, i64 $sequence_length
+  %length = load i64, ptr %length.at
+  %sequence.fits = call i1 @counts(i64 %length, i64 %place)
+  %sequence.data.at = getelementptr i8, ptr %object, i64 $sequence_data
+  br label %found
+found:
+  %data.at = phi ptr [%array.data.at, %array], [%sequence.data.at, %sequence]
+  %data.fits = phi i1 [%array.fits, %array], [%sequence.fits, %sequence]
+  %data = load ptr, ptr %data.at
+  br label %end
+end:
+  %fits = phi i1 [false, %other_type], [%data.fits, %found]
+  %at = phi ptr [null, %other_type], [%data, %found]
+  %some = insertvalue {i1, ptr} poison, i1 %fits, 0
+  %both = insertvalue {i1, ptr} %some, ptr %at, 1
+  ret {i1, ptr} %both
 }
 """)

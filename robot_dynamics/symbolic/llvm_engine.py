@@ -1,6 +1,8 @@
 """From LLVM IR text to addresses of functions, by llvmlite: compiled for this processor, or taken from the cache."""
 
+from collections.abc import Callable
 from functools import cache
+from typing import NamedTuple
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -36,19 +38,30 @@ def machine():
     return target.create_target_machine(cpu=processor, features=features, opt=LEVEL, reloc="pic", codemodel="small")
 
 
-def object_code(text, anew=False):
-    """Object code of a module, from the cache if it was compiled before and is not asked for anew."""
+class Module(NamedTuple):
+    """LLVM IR to compile. key: stands for the text, on this kind of machine; text: a function that gives it."""
+
+    key: str
+    text: Callable
+
+    @classmethod
+    def of_text(cls, text):
+        return cls(text, lambda: text)
+
+
+def object_code(module, anew=False):
+    """Object code of a Module, from the cache if it was compiled before and is not asked for anew."""
     versions = llvmlite.__version__, str(llvm.llvm_version_info), str(LEVEL)
-    key = "\n".join([*versions, *host(), text])
+    key = "\n".join([*versions, *host(), module.key])
     image = None if anew else load(key)
     if image is None:
-        image = compiled(text)
+        image = compiled(module.text())
         store(key, image)
     return image
 
 
 def compiled(text):
-    """Object code of a module. Of LLVM's passes only what must be inlined is: a trace has nothing left to simplify."""
+    """Object code of IR text. Of LLVM's passes only what must be inlined is: a trace has nothing left to simplify."""
     module, made = llvm.parse_assembly(text), machine()
     module.triple, module.data_layout = host()[0], str(made.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=0)
@@ -60,14 +73,14 @@ def compiled(text):
 class Library:
     """Modules in memory, linked, for as long as this lives: addresses by name of what is exported.
 
-    texts: IR of each module. exports: names. imports: {name: address} of what lies elsewhere.
+    modules: Modules. exports: names. imports: {name: address} of what lies elsewhere.
     """
 
-    def __init__(self, texts, exports, imports=()):
+    def __init__(self, modules, exports, imports=()):
         try:
-            self._link([object_code(text) for text in texts], exports, dict(imports))
+            self._link([object_code(module) for module in modules], exports, dict(imports))
         except RuntimeError:  # something was kept that is whole and yet no good
-            self._link([object_code(text, anew=True) for text in texts], exports, dict(imports))
+            self._link([object_code(module, anew=True) for module in modules], exports, dict(imports))
 
     def _link(self, images, exports, imports):
         self._jit = llvm.create_lljit_compiler(machine(), use_jit_link=True, suppress_errors=True)

@@ -152,7 +152,8 @@ view: ; of all that is not read where it lies
   %v = phi i64 [0, %made], [0, %check_next], [%v.next, %viewed]
   %v.object.at = getelementptr ptr, ptr %objects, i64 %v
   %v.object = load ptr, ptr %v.object.at
-  %v.plain = call i1 @is_plain(ptr %v.object)
+  %v.kind = call i8 @kind(ptr %v.object)
+  %v.plain = icmp ne i8 %v.kind, 0
   br i1 %v.plain, label %viewed, label %acquire
 acquire:
   %v.view = getelementptr [$view_words x i64], ptr %views, i64 %v
@@ -176,14 +177,12 @@ in_view:
 in_array:
   %p.object.at = getelementptr ptr, ptr %objects, i64 %p
   %p.object = load ptr, ptr %p.object.at
-  %p.fits = call i1 @fits(ptr %p.object, i64 %p)
-  br i1 %p.fits, label %fitting, label %finish
-fitting:
-  %p.data.at = getelementptr i8, ptr %p.object, i64 $array_data
-  %p.in_array = load ptr, ptr %p.data.at
-  br label %pointed
+  %p.located = call {i1, ptr} @located(ptr %p.object, i64 %p)
+  %p.fits = extractvalue {i1, ptr} %p.located, 0
+  %p.in_array = extractvalue {i1, ptr} %p.located, 1
+  br i1 %p.fits, label %pointed, label %finish
 pointed:
-  %p.pointer = phi ptr [%p.in_view, %in_view], [%p.in_array, %fitting]
+  %p.pointer = phi ptr [%p.in_view, %in_view], [%p.in_array, %in_array]
   %p.pointer.at = getelementptr ptr, ptr %pointers, i64 %p
   store ptr %p.pointer, ptr %p.pointer.at
   %p.next = add i64 %p, 1

@@ -4,9 +4,9 @@ Both read all inputs before they write an output. A long program is cut into par
 the time to compile a function grows faster than its length; what a part leaves to later ones lies in memory.
 """
 
-from robot_dynamics.symbolic.llvm_rows import read_columns, row_pointers, write_columns
+from robot_dynamics.symbolic.llvm_rows import fetches, next_block, read_columns, row_pointers, write_columns
 from robot_dynamics.symbolic.llvm_sincos import too_wide, vector
-from robot_dynamics.symbolic.llvm_steps import SINCOS, parts_of, steps_of, together
+from robot_dynamics.symbolic.llvm_steps import SINCOS, STORE, parts_of, steps_of, together
 from robot_dynamics.symbolic.llvm_writer import Writer
 from robot_dynamics.symbolic.scalar import INPUT
 
@@ -91,13 +91,32 @@ class BlockWriter(Writer):
 
     def __init__(self, program, known, slots, lanes):
         super().__init__(program, known, slots, lanes)
-        self.gives, self.wide = f"i{lanes}", []
+        self.gives, self.wide, self.fetches, self.fetched = f"i{lanes}", [], [], 0
 
     def load(self, step):
         for array, (name, nodes) in enumerate(input_places(self.program).items()):
             if nodes:
                 self.lines += row_pointers(array, self.lanes)
                 self.lines += read_columns(array, self.program.inputs[name], nodes, self.lanes)
+
+    def write(self, part):
+        """The lines of a Part; the last one fetches what the next block reads.
+
+        The processor foresees what is read in order, but not where a block takes as long as those of large robots.
+        """
+        if part.steps[-1].operation == STORE:
+            for array, (name, nodes) in enumerate(input_places(self.program).items()):
+                if nodes:
+                    self.lines += next_block(array, self.lanes)
+                    self.fetches += fetches(array, self.program.inputs[name], self.lanes)
+        return super().write(part)
+
+    def meanwhile(self, done):
+        """A few fetches at a time, so that loads need not wait for them."""
+        until = round(len(self.fetches) * done)
+        for lines in self.fetches[self.fetched : until]:
+            self.lines += lines
+        self.fetched = until
 
     def store(self, step):
         values = [[self.signed(node, sign) for node, sign in output.entries] for output in self.program.outputs]

@@ -28,6 +28,31 @@ def row_pointers(array, lanes):
     return lines
 
 
+def next_block(array, lanes):
+    """IR lines: %next<array>, the row after those of a block, whether it is there or not."""
+    return [
+        f"%next{array}.from.at = getelementptr inbounds ptr, ptr %pointers, i64 {array}",
+        f"%next{array}.from = load ptr, ptr %next{array}.from.at, align 8",
+        f"%next{array}.stride.at = getelementptr inbounds i64, ptr %strides, i64 {array}",
+        f"%next{array}.stride = load i64, ptr %next{array}.stride.at, align 8",
+        f"%next{array}.number = add i64 %first, {lanes}",
+        f"%next{array}.offset = mul i64 %next{array}.number, %next{array}.stride",
+        f"%next{array} = getelementptr i8, ptr %next{array}.from, i64 %next{array}.offset",
+    ]
+
+
+def fetches(array, size, lanes):
+    """For each line of the cache [64 bytes] that the next block has of an array of `size` columns, IR lines that fetch
+    it. A fetch from where nothing is does nothing."""
+    return [
+        [
+            f"%next{array}.{start} = getelementptr i8, ptr %next{array}, i64 {start}",
+            f"call void @llvm.prefetch.p0(ptr %next{array}.{start}, i32 0, i32 3, i32 1)",
+        ]
+        for start in range(0, 8 * size * lanes, 64)
+    ]
+
+
 def starts(size):
     """The columns at which groups of four begin; the last group overlaps the one before it."""
     return sorted({min(start, size - 4) for start in range(0, size, 4)}) if size >= 4 else []

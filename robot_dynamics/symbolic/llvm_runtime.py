@@ -5,6 +5,7 @@ The code itself knows places in the table alone, so that it may be kept on disk 
 
 import ctypes
 import sys
+from array import array, typecodes
 
 import numpy as np
 
@@ -30,7 +31,7 @@ OBJECTS = {
     "ndarray": np.ndarray,
     "float64": np.dtype(np.float64),
 }
-SLOTS = ("sin", "cos", *FUNCTIONS_OF_PYTHON, "PyArray_New", *OBJECTS)
+SLOTS = ("sin", "cos", *FUNCTIONS_OF_PYTHON, "PyArray_New", *OBJECTS, "sequence_type", "sequence_of_doubles")
 """What each place of the table `@runtime` holds the address of."""
 
 ARRAY_TYPE_SLOT, NEW_ARRAY_SLOT = 2, 93
@@ -42,7 +43,7 @@ def table():
     library = _mathematics()
     addresses = [_address(library.sin), _address(library.cos)]
     addresses += [_address(getattr(ctypes.pythonapi, name)) for name in FUNCTIONS_OF_PYTHON]
-    addresses += [_new_array(), *map(id, OBJECTS.values())]
+    addresses += [_new_array(), *map(id, OBJECTS.values()), *_sequences()]
     return (ctypes.c_void_p * len(SLOTS))(*addresses)
 
 
@@ -67,10 +68,35 @@ def _new_array():
     fields = ArrayFields.from_address(id(seen) + HEAD)
     expected = (seen.ctypes.data, 2, (2, 3), id(seen.dtype), seen.flags.num)
     found = (fields.data, fields.dimensions, tuple(fields.shape[:2]), fields.dtype, fields.flags)
-    of_type = ctypes.c_void_p.from_address(id(seen) + HEAD - ctypes.sizeof(ctypes.c_void_p)).value
-    if found != expected or of_type != id(np.ndarray) or functions[ARRAY_TYPE_SLOT] != id(np.ndarray):
+    if found != expected or _type_address(seen) != id(np.ndarray) or functions[ARRAY_TYPE_SLOT] != id(np.ndarray):
         raise RuntimeError(f"arrays of NumPy {np.__version__} do not lie in memory as expected")
     return functions[NEW_ARRAY_SLOT]
+
+
+def _sequences():
+    """Addresses by which the entry knows an array.array, and that one holds float64.
+
+    None where these do not lie in memory as the entry reads them: then they go by the buffer protocol. What the entry
+    reads stays where it is, as nothing else of Python runs until the entry returns.
+    """
+    seen = [array(code, [1, 2, 3]) for code in typecodes if code not in "uw"] + [array("d", [1.0])]
+    seen[-1].append(4.0)
+    fields = [SequenceFields.from_address(id(sequence) + HEAD) for sequence in seen]
+    as_read = all(
+        (f.data, f.length) == s.buffer_info() and _type_address(s) == id(array)
+        for f, s in zip(fields, seen, strict=True)
+    )
+    descriptions = {}
+    for sequence, field in zip(seen, fields, strict=True):
+        descriptions.setdefault(sequence.typecode, set()).add(field.description)
+    one_each = all(len(found) == 1 for found in descriptions.values())
+    if not (as_read and one_each and len(set().union(*descriptions.values())) == len(descriptions)):
+        return None, None
+    return id(array), descriptions["d"].pop()
+
+
+def _type_address(thing):
+    return ctypes.c_void_p.from_address(id(thing) + HEAD - ctypes.sizeof(ctypes.c_void_p)).value
 
 
 class ArrayFields(ctypes.Structure):
@@ -84,6 +110,17 @@ class ArrayFields(ctypes.Structure):
         ("base", ctypes.c_void_p),
         ("dtype", ctypes.c_void_p),
         ("flags", ctypes.c_int),
+    )
+
+
+class SequenceFields(ctypes.Structure):
+    """The fields of an array.array after PyObject_HEAD."""
+
+    _fields_ = (
+        ("length", ctypes.c_ssize_t),
+        ("data", ctypes.c_void_p),
+        ("allocated", ctypes.c_ssize_t),
+        ("description", ctypes.c_void_p),  # one for each type code
     )
 
 

@@ -24,12 +24,16 @@ class Writer:
     def write(self, part):
         """The lines of a Part."""
         special = {LOAD: self.load, STORE: self.store, SINCOS: self.sincos, SQUARE_ROOT: self.root, SIGN: self.sign}
-        for step in part.steps:
+        for place, step in enumerate(part.steps, start=1):
             special.get(step.operation, self.arithmetic)(step)
             self.held.update(step.gives)
+            self.meanwhile(place / len(part.steps))
         for node in part.leaves:
             self.lines.append(f"store {self.type} {self.value(node)}, ptr {self.slot(node)}, align 8")
         return self.lines
+
+    def meanwhile(self, done):
+        """Write what goes on beside the steps, once so much of a part, up to 1, is written."""
 
     def literal(self, value):
         return number(value) if self.lanes == 1 else splat(number(value))

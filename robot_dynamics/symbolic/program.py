@@ -56,6 +56,19 @@ class Output(NamedTuple):
     entries: tuple
 
 
+class Interface(NamedTuple):
+    """What callers need to know of a program.
+
+    name: of the model; inputs: {name: size}, in the order of the arguments; outputs: (name, shape) of each;
+    operations: the Operations of a call.
+    """
+
+    name: str
+    inputs: dict
+    outputs: tuple
+    operations: Operations
+
+
 @dataclass(frozen=True, eq=False)
 class Program:
     """A model as a list of statements.
@@ -77,6 +90,13 @@ class Program:
     def operations(self):
         """The Operations of one call: every binary +, -, × and ÷ of `statements` counts, 2x and squares too."""
         return count(self.statements)
+
+    @property
+    def interface(self):
+        """The Interface of the program."""
+        return Interface(
+            self.name, self.inputs, tuple((output.name, output.shape) for output in self.outputs), self.operations
+        )
 
 
 def count(statements):

@@ -68,12 +68,12 @@ def run_program(program, arguments, batch):
             return None
         results = program.batch(*(_rows(argument, batch, samples) for argument in arguments))
     results = results if isinstance(results, tuple) else (results,)
-    outputs = [output.name for output in program.program.outputs]
+    outputs = program.interface.outputs
     if not np.isfinite(results[0]).all():
         return None
-    if outputs[-1] == "diagonal" and not (results[-2] > SINGULAR * np.abs(results[-1])).all():
+    if outputs[-1][0] == "diagonal" and not (results[-2] > SINGULAR * np.abs(results[-1])).all():
         return None
-    return results[0].reshape(*batch, *program.program.outputs[0].shape)
+    return results[0].reshape(*batch, *outputs[0][1])
 
 
 def _rows(argument, batch, samples):

@@ -1,6 +1,8 @@
 """Compiled programs against an evaluation of their statements one by one, and of robots against Pinocchio."""
 
 import sys
+import threading
+import time
 from math import inf
 
 import numpy as np
@@ -16,7 +18,7 @@ from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import sweep_forward
-from robot_dynamics.symbolic import compiled, llvm_kernel
+from robot_dynamics.symbolic import compiled, llvm_kernel, machine_code, threads
 from robot_dynamics.symbolic.compiled import compile_program
 from robot_dynamics.symbolic.program import program_of
 from robot_dynamics.symbolic.scalar import INPUT, PARAMETER, Trace
@@ -265,11 +267,34 @@ def test_outputs_may_overlap_inputs(small):
             assert_close(small.batch(x, shift, out=(wave, np.empty((len(x), 1)))), expected)
 
 
-@pytest.mark.parametrize("threads", [2, 3])
-def test_threads_share_the_samples(small, threads, monkeypatch):
+@pytest.mark.parametrize("samples", [1, 8, 9, 255, 1003])
+@pytest.mark.parametrize("count", [2, 3, 40])
+def test_threads_share_the_samples(small, count, samples, monkeypatch):
     monkeypatch.setattr(compiled, "WORK_OF_A_THREAD", 1)
-    x, shift = np.random.default_rng(0).uniform(-9, 9, (1003, 2)), np.linspace(0, 1, 6)
-    assert_close(small.batch(x, shift, threads=threads), expected_of_small(x, shift))
+    x, shift = np.random.default_rng(0).uniform(-9, 9, (samples, 2)), np.linspace(0, 1, 6)
+    room = [np.full((samples + 2, size), 7.0) for size in (6, 1)]
+    found = small.batch(x, shift, out=tuple(array[1:-1] for array in room), threads=count)
+    assert_close(found, expected_of_small(x, shift))
+    assert all(np.all(array[[0, -1]] == 7.0) for array in room)
+
+
+def test_threads_are_waited_for_and_missed_where_none_can_start(small, monkeypatch):
+    done = []
+
+    def work():
+        time.sleep(0.01 * (threading.current_thread() is not threading.main_thread()))
+        done.append(threading.get_ident())
+
+    threads.in_threads(work, 3)
+    assert len(done) == 3 and len(set(done)) >= 2
+
+    def refuse(*arguments):
+        raise RuntimeError("can't start new thread")
+
+    monkeypatch.setattr(threads, "start_new_thread", refuse)
+    monkeypatch.setattr(compiled, "WORK_OF_A_THREAD", 1)
+    x, shift = np.random.default_rng(0).uniform(-9, 9, (103, 2)), np.linspace(0, 1, 6)
+    assert_close(small.batch(x, shift, threads=4), expected_of_small(x, shift))
 
 
 REFUSED = {
@@ -311,7 +336,7 @@ def test_parameters_are_checked():
         ({"mass": 1.0}, "needs a value for 'length'"),
         ({"mass": 1.0, "length": 2.0, "lenght": 3.0}, "unknown parameter of pendulum 'lenght'"),
         ({"mass": np.nan, "length": 2.0}, "'mass'.*must be finite"),
-        ({"mass": 1.0, "length": 1.0}, "pendulum.*division"),
+        ({"mass": 1.0, "length": 1.0}, "pendulum.*divide gives"),
     ):
         with pytest.raises(QuestionError, match=text):
             compile_program(program, parameters)
@@ -329,6 +354,6 @@ def test_without_llvmlite(small, monkeypatch):
 
 def test_where_llvm_fails(small, monkeypatch):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
-    monkeypatch.setattr(compiled, "RUNTIME", "nonsense")
+    monkeypatch.setattr(machine_code, "RUNTIME", "nonsense")
     with pytest.raises(CompilationError, match="could not be compiled"):
         compile_program(small.program, {"offset": 0.0})

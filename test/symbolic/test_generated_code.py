@@ -14,7 +14,7 @@ from robot_dynamics import Base, Dynamics, load_robot, shipped_robots
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.symbolic.c_code import c_name, c_source
 from robot_dynamics.symbolic.models import direct_model, inverse_model
-from robot_dynamics.symbolic.python_code import python_source
+from robot_dynamics.symbolic.python_source import python_source
 
 SAMPLES = 3
 FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O0", "-fPIC", "-shared"]

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robot_dynamics.symbolic import llvm_runtime
 from robot_dynamics.symbolic.compiled import compile_program
 from robot_dynamics.symbolic.program import program_of
 from robot_dynamics.symbolic.scalar import Trace
@@ -56,6 +57,31 @@ class Derived(np.ndarray):
     """An array type of its own: read by the buffer protocol."""
 
 
+class DerivedSequence(array.array):
+    """One that says of its length what it likes: read by the buffer protocol."""
+
+    def __len__(self):
+        return 10**9
+
+
+def exported(values):
+    """An array.array that some other view holds on to."""
+    sequence = array.array("d", values)
+    VIEWS.append(memoryview(sequence))
+    return sequence
+
+
+VIEWS = []
+
+
+def grown(values):
+    """One with room for more, whose numbers have moved."""
+    sequence = array.array("d")
+    for value in values:
+        sequence.append(value)
+    return sequence
+
+
 def misaligned(values):
     bytes_ = bytearray(8 * len(values) + 1)
     odd = np.frombuffer(bytes_, np.float64, offset=1)
@@ -68,6 +94,9 @@ CARRIERS = {
     "row": lambda values: np.array([values]),
     "derived": lambda values: np.array(values).view(Derived),
     "array.array": lambda values: array.array("d", values),
+    "array.array grown": grown,
+    "array.array exported": exported,
+    "array.array derived": lambda values: DerivedSequence("d", values),
     "memoryview": lambda values: memoryview(array.array("d", values)),
     "ctypes": lambda values: (ctypes.c_double * len(values))(*values),
     "misaligned": misaligned,
@@ -81,6 +110,36 @@ def test_takes_any_buffer(evaluate, kind):
     assert evaluate(CARRIERS[kind]([1.0, 2.0, 3.0]), CARRIERS[kind]([10.0, 20.0]), total, order) is None
     np.testing.assert_array_equal(np.ravel(total), TOTAL.ravel())
     np.testing.assert_array_equal(np.ravel(order), ORDER)
+
+
+def test_an_array_may_be_empty_where_nothing_is_read():
+    trace = Trace()
+    a, _ = trace.input("a", 1), trace.input("none", 0)
+    evaluate = compile_program(program_of(trace, "f", {"a": 1, "none": 0}, {"b": 2 * a})).evaluate
+    for nothing in (array.array("d"), np.zeros(0), np.zeros((3, 0))):
+        np.testing.assert_array_equal(evaluate(array.array("d", [2.0]), nothing), [4.0])
+
+
+def test_arrays_of_python_are_read_where_they_lie_only_if_they_lie_as_expected(monkeypatch):
+    slots = dict(zip(llvm_runtime.SLOTS, llvm_runtime.table(), strict=True))
+    assert slots["sequence_type"] == id(array.array) and slots["sequence_of_doubles"]
+    fields = llvm_runtime.SequenceFields._fields_
+
+    class Shifted(ctypes.Structure):
+        _fields_ = (fields[1], fields[0], *fields[2:])
+
+    class Other(ctypes.Structure):
+        _fields_ = (*fields[:2], ("description", ctypes.c_ssize_t))
+
+    for wrong in (Shifted, Other):
+        monkeypatch.setattr(llvm_runtime, "SequenceFields", wrong)
+        slots = dict(zip(llvm_runtime.SLOTS, llvm_runtime.table(), strict=True))
+        assert slots["sequence_type"] is None and slots["sequence_of_doubles"] is None
+        careful = compile_program(shifted_sums()).evaluate
+        np.testing.assert_array_equal(careful(array.array("d", A), array.array("d", B))[0], TOTAL)
+        for wrong_argument in (array.array("f", B), array.array("d", A)):
+            with pytest.raises((TypeError, ValueError), match=r"argument 2 \(b\)"):
+                careful(A, wrong_argument)
 
 
 def test_reads_read_only_inputs(evaluate):
@@ -113,6 +172,14 @@ REFUSED = {
     "short": (ValueError, r"100%s sums: argument 1 \(a\) must hold 3 numbers, not 2", lambda: (A[:2], B)),
     "long": (ValueError, r"argument 2 \(b\) must hold 2 numbers, not 3", lambda: (A, A)),
     "long buffer": (ValueError, "must hold 2 numbers, not 3", lambda: (A, array.array("d", A))),
+    "short array.array": (
+        ValueError,
+        r"argument 2 \(b\) must hold 2 numbers, not 1",
+        lambda: (A, array.array("d", [1])),
+    ),
+    "empty array.array": (ValueError, r"argument 1 \(a\) must hold 3 numbers, not 0", lambda: (array.array("d"), B)),
+    "array.array of floats": (TypeError, "must hold float64.*not 'f'", lambda: (array.array("f", A), B)),
+    "array.array of integers": (TypeError, "must hold float64.*not 'q'", lambda: (array.array("q", [1, 2, 3]), B)),
     "empty": (ValueError, "must hold 3 numbers, not 0", lambda: (A[:0], B)),
     "no axis": (ValueError, "must hold 3 numbers, not 1", lambda: (np.array(1.0), B)),
     "batch": (ValueError, "must hold 3 numbers, not 6", lambda: (np.zeros((2, 3)), B)),
@@ -161,18 +228,19 @@ def test_refuses_keywords_and_released_views(evaluate):
 
 def test_leaves_no_reference_behind(evaluate):
     view = array.array("d", A)
+    held = memoryview(array.array("d", A))
     outputs = np.empty(4), np.empty(3)
     wrong = np.zeros(3, np.float32)
 
     def work():
         for _ in range(300):
-            evaluate(view, B), evaluate(A, B, *outputs)
+            evaluate(view, B), evaluate(held, B), evaluate(A, B, *outputs)
             for bad in (wrong, A[:1], None):
-                for arguments in ((view, bad), (bad, view), (view, B, bad, outputs[1])):
+                for arguments in ((view, bad), (held, bad), (bad, held), (held, B, bad, outputs[1])):
                     with pytest.raises((TypeError, ValueError)):
                         evaluate(*arguments)
 
-    counted = (view, B, wrong, *outputs, np.ndarray, np.dtype(float), TypeError, ValueError)
+    counted = (view, held, B, wrong, *outputs, np.ndarray, np.dtype(float), TypeError, ValueError)
     work()
     before = [sys.getrefcount(thing) for thing in counted]
     nothing = sys.getrefcount(None)
@@ -180,6 +248,7 @@ def test_leaves_no_reference_behind(evaluate):
     assert [sys.getrefcount(thing) for thing in counted] == before
     assert abs(sys.getrefcount(None) - nothing) < 100
     view.append(1.0)  # no export is left
+    held.release()
 
 
 @pytest.mark.skipif(sys.version_info < (3, 12), reason="no buffers written in Python")
@@ -195,6 +264,9 @@ def test_a_buffer_that_changes_the_other_arguments(evaluate):
     a = A.copy()
     with pytest.raises(ValueError, match=r"argument 1 \(a\) must hold 3 numbers, not 0"):
         evaluate(a, Trap(lambda: a.resize(0, refcheck=False)))
+    sequence = array.array("d", A)
+    with pytest.raises(ValueError, match=r"argument 1 \(a\) must hold 3 numbers, not 2"):
+        evaluate(sequence, Trap(sequence.pop))
     with pytest.raises(ZeroDivisionError):
         evaluate(Trap(lambda: 1 / 0), B)
 
@@ -233,8 +305,12 @@ others = st.one_of(
     st.binary(max_size=40),
     st.binary(max_size=40).map(bytearray),
     st.lists(numbers, max_size=4),
-    st.lists(numbers, max_size=4).map(lambda values: array.array("d", values)),
-    st.lists(st.integers(0, 9), max_size=4).map(lambda values: array.array("i", values)),
+    st.builds(array.array, st.sampled_from("fd"), st.lists(st.floats(-9, 9), max_size=5)),
+    st.builds(array.array, st.sampled_from("bBhHiIlLqQ"), st.lists(st.integers(0, 9), max_size=5)),
+    st.builds(DerivedSequence, st.sampled_from("fd"), st.lists(st.floats(-9, 9), max_size=5)),
+    st.lists(numbers, max_size=5).map(grown),
+    st.lists(numbers, max_size=5).map(lambda values: memoryview(array.array("d", values))),
+    st.lists(numbers, max_size=5).map(lambda values: memoryview(array.array("d", values)).toreadonly()),
     st.integers(0, 4).map(lambda size: memoryview(np.zeros(size))),
     st.integers(1, 4).map(lambda size: memoryview(np.zeros(2 * size))[::2]),
     st.sampled_from([A, B, np.zeros(4), np.zeros((2, 2)), np.float64(1.0), np.ndarray, type, ...]),

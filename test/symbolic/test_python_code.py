@@ -20,7 +20,8 @@ from robot_dynamics.newton_euler.walker_orin import inertia_matrix
 from robot_dynamics.symbolic import python_code
 from robot_dynamics.symbolic.base_parameters import gathered
 from robot_dynamics.symbolic.program import program_of
-from robot_dynamics.symbolic.python_code import python_batch, python_function, python_source
+from robot_dynamics.symbolic.python_code import python_batch, python_function
+from robot_dynamics.symbolic.python_source import python_source
 from robot_dynamics.symbolic.scalar import Trace
 
 HOSTILE = [
