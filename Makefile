@@ -16,6 +16,8 @@ endif
 
 # What runs here neither hears nor disturbs robots on the network.
 test demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+# Small matrices: two threads of a BLAS are slower than one.
+test: export OMP_NUM_THREADS := 1
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
