@@ -4,7 +4,7 @@ from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.yaml_document import YamlDocument
-from robot_dynamics.model.library import is_urdf, read_file, read_robot
+from robot_dynamics.model.library import has_urdf, read_file, read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snapped
 
 BASES = {"fixed": False, "moving": True, None: None}
@@ -40,7 +40,7 @@ def robot_of(told):
         if not 0 < told.snap < 0.1:
             raise DescriptionError(f"--snap {told.snap:g}: an angle between 0 and 0.1 rad is needed")
         robot = snapped(robot, told.snap)
-    frames = told.frames or ("minimal" if is_urdf(text) else "given")
+    frames = told.frames or ("minimal" if has_urdf(text) else "given")
     return minimal_frames(robot) if frames == "minimal" else robot
 
 

@@ -1,6 +1,7 @@
 """Where descriptions come from: a text, a file, or the name of a robot that ships with the package."""
 
 import logging
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
 from robot_dynamics.model.formats.par import read_par
-from robot_dynamics.model.formats.text import UTF16_MARKS
+from robot_dynamics.model.formats.text import UTF16_MARKS, read_path
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_document import LARGEST_DESCRIPTION
 
@@ -22,10 +23,10 @@ def load_robot(description, *, values=None, moving_base=None, gravity=None, stri
     """Load a robot.
 
     description: the text of a URDF, of an MDH table in YAML or of a SYMORO+ .par, the path of such a file, or the name
-    of a robot that ships (`shipped_robots()`). values: {name: number or expression} for names that a .par leaves open,
-    or in the place of `parameters` of an MDH table. moving_base: whether the base is free to move; gravity: (3,)
-    [m/s²], in the world; None: as the description says, else fixed, and the Earth's. strict: refuse inertias that no
-    real body has, instead of warning.
+    of a robot that ships (`shipped_robots()`); or a YAML that has a URDF and tells its loops. values: {name: number or
+    expression} for names that a .par leaves open, or in the place of `parameters` of a YAML. moving_base: whether the
+    base is free to move; gravity: (3,) [m/s²], in the world; None: as the description says, else fixed, and the
+    Earth's. strict: refuse inertias that no real body has, instead of warning.
 
     Raises DescriptionError.
     """
@@ -44,7 +45,8 @@ def load_robot(description, *, values=None, moving_base=None, gravity=None, stri
 def read_robot(text, *, source, values=None, moving_base=None, gravity=None):
     """The Robot of a text (str or bytes) in any of the formats; which one it is, its first characters tell.
 
-    source: what to call the text in errors; the rest as for `load_robot`. Raises DescriptionError.
+    source: what to call the text in errors, the Path of its file where it came from one, in whose folder a URDF that it
+    names is looked for; the rest as for `load_robot`. Raises DescriptionError.
     """
     settings = {"source": source, "moving_base": moving_base, "gravity": gravity}
     if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
@@ -63,8 +65,13 @@ def is_urdf(text):
     return re.match(r"\s*<", _beginning(text)) is not None
 
 
-def _beginning(text):
-    beginning = text[:1000]
+def has_urdf(text):
+    """Whether a text (str or bytes) is a URDF or a YAML that has one: its frames are then those of a URDF."""
+    return is_urdf(text) or re.search(r"^urdf[ \t]*:", _beginning(text, None), re.MULTILINE) is not None
+
+
+def _beginning(text, length=1000):
+    beginning = text[:length]
     if isinstance(text, bytes):
         encoding = "utf-16" if text[:2] in UTF16_MARKS else "latin-1"
         beginning = beginning.decode(encoding, "ignore").removeprefix("ï»¿")
@@ -72,7 +79,7 @@ def _beginning(text):
 
 
 def read_file(name):
-    """(content in bytes, what to call it) of a path, or of the name of a robot that ships."""
+    """(content in bytes, its Path, by which errors call it) of a path, or of the name of a robot that ships."""
     if not isinstance(name, str | Path) or not str(name).strip():
         what = "empty" if isinstance(name, str) else f"{name!r}"
         raise DescriptionError(
@@ -80,20 +87,13 @@ def read_file(name):
         )
     shipped = shipped_robots()
     path = shipped.get(str(name), Path(name))
-    told = repr(str(path)[:200])
     try:
-        if path.exists() and not path.is_file():
-            raise DescriptionError(f"{told} is no file")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_DESCRIPTION + 1)
-    except (OSError, ValueError) as error:
-        message = f"{told} cannot be read as a file ({getattr(error, 'strerror', None) or error})"
-        if "/" not in str(name):
-            message += f", and no robot of that name ships: {unknown_name('robot', name, shipped)}"
-        raise DescriptionError(message) from None
-    if len(content) > LARGEST_DESCRIPTION:
-        raise DescriptionError(f"{told} is larger than a description may be: {LARGEST_DESCRIPTION} bytes at most")
-    return content, str(path)
+        return read_path(path, LARGEST_DESCRIPTION), path
+    except DescriptionError as error:
+        if "/" in str(name) or os.path.exists(path):
+            raise
+        no_robot = f"no robot of that name ships: {unknown_name('robot', name, shipped)}"
+        raise DescriptionError(f"{error}, and {no_robot}") from None
 
 
 def shipped_robots():

@@ -19,14 +19,15 @@ class TableRow(NamedTuple):
     joint: Joint | None
 
 
-def table(robot):
+def table(robot, joints=None):
     """The TableRows of a Robot. A joint whose axis is nearly parallel to the one before has a fixed frame before it.
 
-    The frames are the robot's own: `minimal_frames(robot)` has those with the fewest parameters.
+    The frames are the robot's own: `minimal_frames(robot)` has those with the fewest parameters. joints: how many of
+    its joints have rows, the first ones; None: all.
     """
     taken = {*robot.frames_by_name}
     rows = []
-    for number, joint in enumerate(robot.joints, start=1):
+    for number, joint in enumerate(robot.joints[:joints], start=1):
         antecedent, name = robot.links[joint.antecedent].name, robot.links[number].name
         *before, last = rows_of(joint.placement)
         for row in before:

@@ -10,6 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from robot_dynamics.model.cut_joints import cut_joints
+from robot_dynamics.model.loop import End
 from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, Row, placement_of, rows_of
 from robot_dynamics.model.placement import inverse, placement
 from robot_dynamics.model.robot import Link
@@ -33,8 +35,17 @@ def minimal_frames(robot):
         links.append(Link(link.name, link.inertia.seen_from(inverse(change))))
     back = [inverse(change) for change in changes]
     frames = [replace(frame, placement=back[frame.link] @ frame.placement) for frame in robot.frames]
-    loops = [loop.placed(lambda end: back[end.link] @ end.placement) for loop in robot.loops]
+    cut = cut_joints(robot)
+    loops = [_loop(loop, number in cut, changes, back) for number, loop in enumerate(robot.loops)]
     return replace(robot, joints=tuple(joints), links=tuple(links), frames=tuple(frames), loops=tuple(loops))
+
+
+def _loop(loop, cut, changes, back):
+    """The loop between the new frames. Where a joint is cut frame k is that of its link, and frame k+B goes with it."""
+    if not cut:
+        return loop.placed(lambda end: back[end.link] @ end.placement)
+    (link, _), (other, closed_on) = loop.ends
+    return replace(loop, moved=End(link, np.eye(4)), closed_on=End(other, back[other] @ closed_on @ changes[link]))
 
 
 def _choice(placed, follower):

@@ -58,6 +58,21 @@ def test_par_is_written_and_read_and_what_is_lost_is_told(tmp_path, capsys):
     assert "rotor inertia 4.71" in (tmp_path / "puma.urdf").read_text()
 
 
+def test_urdf_with_a_yaml_beside_it_becomes_a_table_in_frames_with_the_fewest_numbers(tmp_path, capsys):
+    loop = "{joint: closing, moved: {antecedent: tool0}, closed_on: {antecedent: base_link, xyz: [0.5, 0, 0.5]}}"
+    (tmp_path / "ur5.yaml").write_text(f"urdf: {UR5}\nroles: {{elbow_joint: passive}}\nloops: [{loop}]\n")
+    assert main(["convert", str(tmp_path / "ur5.yaml"), str(tmp_path / "table.yaml")]) == 0
+    table, robot = (tmp_path / "table.yaml").read_text(), load_robot(tmp_path / "table.yaml")
+    assert (
+        "gamma" not in table.split("joints:")[1].split("loops:")[0]
+        and "joint: closing\n    link: closing_link" in table
+    )
+    assert robot.joints[2].role == "passive" and [loop.name for loop in robot.loops] == ["closing"]
+    capsys.readouterr()
+    told = refused(["convert", tmp_path / "table.yaml", tmp_path / "out.urdf"], capsys)
+    assert "loop 'closing', which closes link" in told and "lossy" in told
+
+
 def test_names_are_bound_from_a_file_and_on_the_command_line(tmp_path, capsys):
     (tmp_path / "lengths.yaml").write_text(LENGTHS)
     (tmp_path / "values.yaml").write_text("a: 3\nb: 2*pi\n")

@@ -1,20 +1,22 @@
-"""Robot from a table of modified Denavit-Hartenberg parameters in YAML; the format is mdh.schema.json."""
+"""Robot from a YAML text: a table of modified Denavit-Hartenberg parameters, or a URDF and what it cannot say; the
+format is mdh.schema.json.
+"""
 
 import json
-import math
-import re
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, unknown_name
-from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
+from robot_dynamics.model.formats.urdf_yaml import read_urdf_document
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
-from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
-from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring, check_joint
-from robot_dynamics.model.mdh import Row, placement_of
-from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
+from robot_dynamics.model.formats.yaml_joints import joint_told, objection_to_role, spring_told, unknown_link
+from robot_dynamics.model.formats.yaml_loops import read_loops
+from robot_dynamics.model.formats.yaml_numbers import YamlNumbers
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Mimic
+from robot_dynamics.model.placement import placement
 from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
 
 HINTS = {
@@ -24,17 +26,23 @@ HINTS = {
     "parent": "the link that a row hangs on is its antecedent",
     "com": "centre_of_mass, or first_moments (mass times centre)",
     "center_of_mass": "centre_of_mass, or first_moments (mass times centre)",
+    "joints": "a robot has its joints here or in its urdf, which roles, springs and loops are told beside",
+    "mimic": "where a loop is cut no joint follows another: cut the loop at another joint",
 }
 SCHEMA = Path(__file__).with_name("mdh.schema.json")
 BODY = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia")
-MOVES = ("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits")
+MOVES = (
+    *("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits"),
+    "initial_position",
+)
 
 
 def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gravity=None):
-    """Read a robot from the YAML text of its MDH table (str or bytes).
+    """Read a robot from the YAML text (str or bytes) of its MDH table, or of a document that has its URDF.
 
-    source: what to call the description in errors. values: {name: number or expression} in the place of entries of
-    `parameters`. moving_base, gravity (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
+    source: what to call the description in errors; the Path of the file that it comes from, in whose folder the URDF
+    is looked for. values: {name: number or expression} in the place of entries of `parameters`. moving_base, gravity
+    (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
 
     Raises DescriptionError, which tells line and column, what is wrong and what would be right.
     """
@@ -42,6 +50,8 @@ def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gr
     if not isinstance(document.data, dict):
         document.fail((), "a mapping with the keys robot and joints is needed")
     document.validate(_validator(), HINTS)
+    if "urdf" in document.data:
+        return read_urdf_document(document, values or {}, moving_base, gravity)
     return _Builder(document, values or {}).build(moving_base, gravity)
 
 
@@ -55,10 +65,9 @@ class _Builder:
 
     def __init__(self, document, values):
         self.document, self.data = document, document.data
-        for key in ("loops", "platform"):
-            if self.data.get(key):
-                document.fail((key,), f"{key} can be described but not be computed yet: only trees can")
-        self.names = self._parameters(values)
+        if self.data.get("platform"):
+            document.fail(("platform",), "platform can be described but not be computed yet: only trees and loops can")
+        self.numbers = YamlNumbers(document, values)
 
     def build(self, moving_base, gravity):
         base = self.data.get("base", {})
@@ -68,13 +77,14 @@ class _Builder:
         self.told_frames, self.nameless = set(), set()
         for number, row in enumerate(self.data["joints"]):
             self._row(row, ("joints", number))
+        loops = self._loops()
         for number, frame in enumerate(self.data.get("frames", [])):
             self._frame(frame, ("frames", number))
         self._check_leaders()
         if moving_base is None:
             moving_base = base.get("moving", False)
         if gravity is None:
-            gravity = self._vector(self.data, "gravity", ()) if "gravity" in self.data else EARTH
+            gravity = self.numbers.vector(self.data, "gravity", ()) if "gravity" in self.data else EARTH
         try:
             return Robot(
                 name=self.data["robot"],
@@ -83,34 +93,26 @@ class _Builder:
                 frames=tuple(Frame(name, *place) for name, place in self.placed.items() if name not in self.nameless),
                 moving_base=moving_base,
                 gravity=gravity,
+                loops=loops,
             )
         except DescriptionError as error:
             self.document.fail((), str(error))
 
-    def _parameters(self, values):
-        names, told = {}, self.data.get("parameters", {})
-        for name in values:
-            if name not in told:
-                self.document.fail(("parameters",), f"value given for {unknown_name('parameter', name, told)}")
-        for name, value in told.items():
-            if name in CONSTANTS:
-                self.document.fail(("parameters", name), f"{name} is known already: take another name")
-            try:
-                names[name] = evaluate(values.get(name, value), names)
-            except DescriptionError as error:
-                later = ", ".join(
-                    other for other in told if other not in names and re.search(rf"\b{other}\b", str(value))
-                )
-                hint = f". A parameter may refer to those above it only, not to {later}" if later else ""
-                self.document.fail(("parameters", name), f"{error}{hint}")
-        return names
+    def _loops(self):
+        cuts = read_loops(self.numbers, self.joints, self.links, self.placed)
+        for joint, link in zip(cuts.joints, cuts.links, strict=True):
+            self.joints.append(joint)
+            self.links.append(link)
+            self.inertias.append(Inertia())
+            self.placed[link] = (len(self.joints), np.eye(4))
+        return cuts.loops
 
     def _row(self, row, path):
         name = row["link"]
         if name in self.placed:
             self.document.fail((*path, "link"), f"link or frame {name!r} is there already: names must differ")
         link, frame = self._antecedent(row, path)
-        frame = frame @ self._mdh(row, path)
+        frame = frame @ self.numbers.mdh(row, path)
         inertia = self._inertia(row, path)
         if row.get("type") == "fixed":
             for key in MOVES:
@@ -139,58 +141,34 @@ class _Builder:
         return self.placed[name]
 
     def _unknown_link(self, name, known):
-        moved = {joint.name: link for joint, link in zip(self.joints, self.links[1:], strict=True)}
-        return (
-            unknown_name("link", name, known) if name not in moved else f"{name!r} is a joint: it moves {moved[name]!r}"
-        )
+        return unknown_link(name, known, self.joints, self.links)
 
     def _joint(self, row, antecedent, placed, path):
         if row["joint"] in {joint.name for joint in self.joints}:
             self.document.fail((*path, "joint"), f"joint {row['joint']!r} is there already: names must differ")
-        role, spring = row.get("role"), self._spring(row, path)
-        if spring is not None and role is None and "mimic" not in row:
-            self.document.fail(
-                (*path, "spring"),
-                "role missing: elastic (the spring alone holds the joint) or actuated (a motor stands beside it)",
-            )
-        if (role == "elastic") > (spring is not None):
-            self.document.fail((*path, "role"), "an elastic joint needs a spring: {stiffness: ...}")
-        if role == "passive" and spring is not None:
-            self.document.fail((*path, "role"), "a passive joint that has a spring is elastic")
-        if role is not None and "mimic" in row:
-            self.document.fail((*path, "role"), "a joint that follows another one has no role of its own: leave it out")
-        limits = {key: self._number(row["limits"], key, (*path, "limits")) for key in row.get("limits", {})}
-        frictions = {
-            key: self._number(row, key, path) for key in ("rotor_inertia", "viscous_friction", "coulomb_friction")
-        }
-        joint = Joint(
-            name=row["joint"],
+        spring = spring_told(self.numbers, row["spring"], (*path, "spring")) if "spring" in row else None
+        if objection := objection_to_role(row.get("role"), spring, "mimic" in row):
+            self.document.fail((*path, objection[0]), objection[1])
+        return joint_told(
+            self.numbers,
+            row,
+            path,
+            len(self.joints) + 1,
             antecedent=antecedent,
             prismatic=row.get("type") == "prismatic",
             placement=placed,
-            limits=Limits(**limits),
             mimic=self._mimic(row, path),
-            actuated=role in (None, "actuated"),
+            actuated=row.get("role") in (None, "actuated"),
             spring=spring,
-            **frictions,
         )
-        try:
-            check_joint(len(self.joints) + 1, joint)
-        except DescriptionError as error:
-            self.document.fail(path, str(error))
-        return joint
-
-    def _spring(self, row, path):
-        if "spring" not in row:
-            return None
-        path = (*path, "spring")
-        return Spring(*(self._number(row["spring"], key, path) for key in ("stiffness", "rest", "damping")))
 
     def _mimic(self, row, path):
         if "mimic" not in row:
             return None
         told, path = row["mimic"], (*path, "mimic")
-        return Mimic(told["joint"], self._number(told, "multiplier", path, 1.0), self._number(told, "offset", path))
+        return Mimic(
+            told["joint"], self.numbers.number(told, "multiplier", path, 1.0), self.numbers.number(told, "offset", path)
+        )
 
     def _check_leaders(self):
         names = [joint.name for joint in self.joints]
@@ -210,22 +188,7 @@ class _Builder:
         if name in self.placed and not (name == link and name not in self.told_frames):
             self.document.fail((*path, "frame"), f"link or frame {name!r} is there already: names must differ")
         self.told_frames.add(name)
-        angles = self._vector(frame, "rpy", path)
-        for k, angle in enumerate(angles):
-            self._check_angle(angle, (*path, "rpy", k))
-        rotation = rotation_from_roll_pitch_yaw(*angles)
-        self.placed[name] = (number, placement(rotation, self._vector(frame, "xyz", path)))
-
-    def _mdh(self, row, path):
-        told, path = row.get("mdh", {}), (*path, "mdh")
-        numbers = Row(*(self._number(told, key, path) for key in Row._fields))
-        for key in ("gamma", "alpha", "theta"):
-            self._check_angle(getattr(numbers, key), (*path, key))
-        return placement_of(numbers)
-
-    def _check_angle(self, angle, path):
-        if abs(angle) > 2 * math.pi + 1e-9:
-            self.document.fail(path, f"{angle:g} rad is more than a turn. Angles are in radians: radians({angle:g})")
+        self.placed[name] = (number, self.numbers.pose(frame, path))
 
     def _inertia(self, body, path):
         """The Inertia about the frame's origin of a mapping that may have the keys of BODY."""
@@ -239,26 +202,12 @@ class _Builder:
             )
         if about_centre and "mass" not in body:
             self.document.fail(path, f"mass missing: {about_centre.pop()} has no meaning without")
-        mass = self._number(body, "mass", path)
+        mass = self.numbers.number(body, "mass", path)
         if mass < 0:
             self.document.fail((*path, "mass"), f"mass {mass:g} kg is negative")
         if not about_centre:
-            return Inertia(mass, self._vector(body, "first_moments", path), self._matrix(body, "inertia", path))
-        centre = placement(translation=self._vector(body, "centre_of_mass", path))
-        return Inertia.about_centre_of_mass(mass, self._matrix(body, "central_inertia", path), centre)
-
-    def _matrix(self, mapping, key, path):
-        told, path = mapping.get(key, {}), (*path, key)
-        return symmetric(*(self._number(told, entry, path) for entry in MOMENTS))
-
-    def _vector(self, mapping, key, path):
-        return np.array([self._evaluate(value, (*path, key, k)) for k, value in enumerate(mapping.get(key, [0, 0, 0]))])
-
-    def _number(self, mapping, key, path, default=0.0):
-        return self._evaluate(mapping[key], (*path, key)) if key in mapping else default
-
-    def _evaluate(self, value, path):
-        try:
-            return evaluate(value, self.names)
-        except DescriptionError as error:
-            self.document.fail(path, str(error))
+            return Inertia(
+                mass, self.numbers.vector(body, "first_moments", path), self.numbers.matrix(body, "inertia", path)
+            )
+        centre = placement(translation=self.numbers.vector(body, "centre_of_mass", path))
+        return Inertia.about_centre_of_mass(mass, self.numbers.matrix(body, "central_inertia", path), centre)

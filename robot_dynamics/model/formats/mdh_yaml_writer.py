@@ -7,10 +7,11 @@ import numpy as np
 import yaml
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import angle_text, number_text
 from robot_dynamics.model.inertia import MOMENTS
 from robot_dynamics.model.joint import Limits
-from robot_dynamics.model.mdh import clean_angle, clean_length
+from robot_dynamics.model.mdh import Row, clean_angle, clean_length, rows_of
 from robot_dynamics.model.mdh_table import table
 from robot_dynamics.model.placement import roll_pitch_yaw
 from robot_dynamics.model.robot import EARTH
@@ -31,18 +32,23 @@ def write_mdh_yaml(robot):
 
     Nothing of the Robot is lost. Raises DescriptionError where a number is a symbol.
     """
-    for joint in robot.joints:
-        if np.asarray(joint.placement).dtype == object:
-            raise DescriptionError(f"joint {joint.name!r}: its placement has symbols, and cannot be written as numbers")
+    ends = [(f"loop {loop.name!r}", end) for loop in robot.loops for end in loop.ends]
+    for owner, placed in (*((f"joint {joint.name!r}", joint) for joint in robot.joints), *ends):
+        if np.asarray(placed.placement).dtype == object:
+            raise DescriptionError(f"{owner}: its placement has symbols, and cannot be written as numbers")
     lines = [HEADER, f"format: 1\nrobot: {_name(robot.name)}\n"]
     if tuple(robot.gravity) != EARTH:
         lines.append(f"gravity: {_vector(robot.gravity)}\n")
     base = [f"link: {_name(robot.base_link)}", *(["moving: true"] if robot.moving_base else [])]
     lines += _block("base:", [*base, *_body(robot.links[0].inertia)], "  ")
-    inertias = {link.name: link.inertia for link in robot.links}
-    lines.append("\njoints:" if robot.joints else "\njoints: []")
-    for row in table(robot):
+    inertias, cut = {link.name: link.inertia for link in robot.links}, cut_joints(robot)
+    rows = table(robot, len(robot.joints) - len(cut))
+    lines.append("\njoints:" if rows else "\njoints: []")
+    for row in rows:
         lines += _item(_row(row, inertias))
+    lines += ["\nloops:"] if robot.loops else []
+    for number, loop in enumerate(robot.loops):
+        lines += _item(_loop(loop, robot, cut.get(number)))
     frames = [told for frame in robot.frames if (told := _frame(frame, robot))]
     if frames:
         lines += ["\nframes:", *(f"  - {_mapping(frame)}" for frame in frames)]
@@ -95,7 +101,33 @@ def _joint(joint):
         entries.append(f"spring: {_mapping(spring)}")
     limits = {key: getattr(joint.limits, key) for key in Limits.__dataclass_fields__}
     limits = {key: number_text(value) for key, value in limits.items() if math.isfinite(value)}
-    return [*entries, *([f"limits: {_mapping(limits)}"] if limits else [])]
+    entries += [f"limits: {_mapping(limits)}"] if limits else []
+    return [*entries, *([f"initial_position: {number_text(joint.initial_position)}"] if joint.initial_position else [])]
+
+
+def _loop(loop, robot, number):
+    """The entries of a Loop, cut at joint `number` of the robot; None: at a ball joint or as a weld."""
+    entries, (link, placement), told = [f"joint: {_name(loop.name)}"], loop.moved, []
+    if number is None:
+        entries.append(f"type: {'spherical' if loop.ball else 'fixed'}")
+    else:
+        joint = robot.joints[number]
+        entries += [f"link: {_name(robot.links[link].name)}", *(["type: prismatic"] if joint.prismatic else [])]
+        link, placement = joint.antecedent, joint.placement
+        told = [entry for entry in _joint(joint) if entry != "role: passive"]
+    for key, end in (("moved", (link, placement)), ("closed_on", loop.closed_on)):
+        entries.append(f"{key}: {_end(robot, *end)}")
+    return [*entries, *told]
+
+
+def _end(robot, link, placement):
+    """A frame at an end of a loop, by mdh where one row can say it."""
+    told, rows = {"antecedent": _name(robot.links[link].name)}, rows_of(placement)
+    if len(rows) > 1:
+        told |= _pose(placement)
+    elif rows[0] != Row():
+        told["mdh"] = _mdh(rows[0])
+    return _mapping(told)
 
 
 def _body(inertia):
@@ -111,13 +143,19 @@ def _body(inertia):
 
 def _frame(frame, robot):
     """The entries of a named frame; none where the rows place it already."""
-    link = robot.links[frame.link].name
-    angles = [clean_angle(angle) for angle in roll_pitch_yaw(frame.placement[:3, :3])]
-    position = [clean_length(length) for length in frame.placement[:3, 3]]
-    if frame.name == link and not any(angles + position):
+    link, pose = robot.links[frame.link].name, _pose(frame.placement)
+    if frame.name == link and not pose:
         return {}
-    rpy = f"[{', '.join(map(angle_text, angles))}]"
-    return {"frame": _name(frame.name), "link": _name(link), "xyz": _vector(position), "rpy": rpy}
+    return {"frame": _name(frame.name), "link": _name(link), **pose}
+
+
+def _pose(placement):
+    """xyz and rpy; none where both are zero."""
+    angles = [clean_angle(angle) for angle in roll_pitch_yaw(placement[:3, :3])]
+    position = [clean_length(length) for length in placement[:3, 3]]
+    if not any(angles + position):
+        return {}
+    return {"xyz": _vector(position), "rpy": f"[{', '.join(map(angle_text, angles))}]"}
 
 
 def _mapping(texts):

@@ -1,4 +1,4 @@
-"""The text of a description: decoded, neither empty nor endless."""
+"""The text of a description: read, decoded, neither empty nor endless."""
 
 from robot_dynamics.errors import DescriptionError
 
@@ -24,3 +24,19 @@ def decode_text(text, source, need, largest, encoding="utf-8-sig"):
     if not text.strip():
         raise DescriptionError(f"{source} is empty: {need} is needed")
     return text
+
+
+def read_path(path, largest):
+    """The content (bytes) of the file at a Path. Raises DescriptionError where there is none, or a larger one."""
+    told = repr(str(path)[:200])
+    try:
+        if path.exists() and not path.is_file():
+            raise DescriptionError(f"{told} is no file")
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise DescriptionError(f"{told} cannot be read as a file ({reason})") from None
+    if len(content) > largest:
+        raise DescriptionError(f"{told} is larger than a description may be: {largest} bytes at most")
+    return content

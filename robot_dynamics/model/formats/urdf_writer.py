@@ -32,8 +32,9 @@ def write_urdf(robot, *, lossy=False):
     joints stand in the order of `robot.joints`. An infinite limit becomes UNLIMITED where URDF demands a number.
 
     Raises DescriptionError, with a list, where URDF cannot say all of it: rotor inertia, springs, joints without motor,
-    another gravity than EARTH, first moments without mass. With `lossy` this is left out, and the list stands in a
-    comment at the top. Symbols and names that XML cannot hold are always refused.
+    initial positions, loops, another gravity than EARTH, first moments without mass. With `lossy` this is left out, and
+    the list stands in a comment at the top; joints at which loops are cut stay, with their links without mass. Symbols
+    and names that XML cannot hold are always refused.
     """
     _check_names(robot)
     _check_numbers(robot)
@@ -78,7 +79,8 @@ def _numbers_of(robot):
         limits = [limit for limit in vars(joint.limits).values() if not _is_infinite(limit)]
         spring, mimic = joint.spring or Spring(0.0), joint.mimic or Mimic("")
         losses = (joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction, *vars(spring).values())
-        yield f"joint {joint.name!r}", (joint.placement, *losses, *limits, mimic.multiplier, mimic.offset)
+        numbers = (*losses, *limits, mimic.multiplier, mimic.offset, joint.initial_position)
+        yield f"joint {joint.name!r}", (joint.placement, *numbers)
     for link in robot.links:
         yield f"link {link.name!r}", (link.inertia.mass, link.inertia.first_moments, link.inertia.second_moments)
     for frame in robot.frames:
@@ -99,7 +101,7 @@ def _check_base(robot):
 
 
 def losses(robot):
-    """What URDF cannot say of the robot: phrases, joint by joint, then link by link."""
+    """What URDF cannot say of the robot: phrases, joint by joint, loop by loop, then link by link."""
     found = []
     if not np.array_equal(robot.gravity, EARTH):
         found.append(f"gravity {robot.gravity.tolist()} m/s²")
@@ -113,8 +115,13 @@ def losses(robot):
             )
         if not joint.actuated:
             lost.append("that no motor drives it")
+        if joint.initial_position:
+            lost.append(f"initial position {_number(joint.initial_position)} {unit[2]}")
         if lost:
             found.append(f"joint {joint.name!r}: {', '.join(lost)}")
+    for loop in robot.loops:
+        moved, closed_on = (robot.links[end.link].name for end in loop.ends)
+        found.append(f"loop {loop.name!r}, which closes link {moved!r} on link {closed_on!r}")
     for link in robot.links:
         if _centre_of_mass(link.inertia) is None:
             moments, mass = link.inertia.first_moments.tolist(), link.inertia.mass

@@ -131,12 +131,12 @@ MISTAKES = {
         20,
         "unknown joint 'swin': did you mean",
     ),
-    "loops": (
+    "platform": (
         "joints:",
-        "loops: [{joint: a, moved: {antecedent: b}, closed_on: {antecedent: c}}]\njoints:",
+        "platform: {link: rod}\njoints:",
         7,
-        8,
-        "yet",
+        11,
+        "platform can be described but not",
     ),
     "tab": ("  l: 0.5", "\tl: 0.5", 3, 1, "Indent with spaces"),
     "bracket left open": ("[l, 0, 0]", "[l, 0, 0", 22, 61, "expected"),

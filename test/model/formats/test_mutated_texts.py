@@ -55,6 +55,32 @@ joints:
 frames:
   - {frame: tool, link: slider, xyz: [l, 0, 0], rpy: [0, 0, pi/2]}
 """
+LOOPS = """\
+robot: bars
+parameters: {l: 0.5}
+joints:
+  - {joint: crank, link: input, mdh: {alpha: pi/2}, mass: 1, initial_position: pi/3}
+  - {joint: coupling, link: coupler, mdh: {d: 0.2}, role: passive, mass: 1}
+  - {joint: rocker, link: output, antecedent: base_link, mdh: {alpha: pi/2, d: l}, role: passive}
+loops:
+  - joint: knee
+    link: cut
+    moved: {antecedent: coupler, mdh: {alpha: 0.3, d: l}}
+    closed_on: {antecedent: output, xyz: [0.2, 0, 0], rpy: [0.3, 0, 0]}
+    role: elastic
+    spring: {stiffness: 3, rest: 0.1}
+    coulomb_friction: 0.4
+    limits: {lower: -1, upper: 1}
+    initial_position: -pi/3
+  - joint: slide
+    type: prismatic
+    moved: {antecedent: cut}
+    closed_on: {antecedent: base_link}
+  - joint: ball
+    type: spherical
+    moved: {antecedent: coupler, mdh: {d: l}}
+    closed_on: {antecedent: output}
+"""
 PAR = """\
 (* Robotname = 'arm' *)
 NL = 3
@@ -83,11 +109,19 @@ k = {0,300,0}
 G = {0,0,-9.81}
 (* Frames = 'tool' 3 *)
 """
-TEXTS = {"URDF": URDF, "MDH table": MDH, "par": PAR}
+WITH_URDF = """\
+roles: {slide: elastic}
+springs: {slide: {stiffness: 3}}
+initial_positions: {shoulder: 0.5}
+loops:
+  - {joint: ball, type: spherical, moved: {antecedent: tool}, closed_on: {antecedent: base, xyz: [1, 0, 0]}}
+urdf: |
+""" + "".join(f"    {line}\n" for line in URDF.replace('<mimic joint="shoulder"/>', "").splitlines())
+TEXTS = {"URDF": URDF, "MDH table": MDH, "par": PAR, "loops": LOOPS, "URDF with loops": WITH_URDF}
 WORDS = """
 { } [ ] ( ) : , ' " - # &a *a !!int --- ... < > </ &amp; &#0; <!DOCTYPE_x> <!-- ]]> = (* *) | ? % @ ~ null nan inf -inf
 1e400 1e-400 1e200 0 -1 -0.0 3 99999999999999999999 pi/2 1/0 x \x00 \ufeff é 日 true no (((((((( 9^9^9^9 mimic joint
-link mass rpy= role: passive sigma NL ant th1 1.0.0 0x10 1_000 + {} []
+link mass rpy= xyz loops: cut spherical role: passive sigma NL ant th1 1.0.0 0x10 1_000 + {} []
 """
 TOKENS = [*WORDS.split(), "\n", "\t", " ", "\u2028", "\ud7ff"]
 NUMBERS = ["0", "1", "-1", "2", "1e-9", "1e9", "1e200", "-1e-320", "pi", "1.5708", "0.30000000000000004", "1e400", "7"]

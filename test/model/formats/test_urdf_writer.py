@@ -20,6 +20,7 @@ from robot_dynamics import DescriptionError, Dynamics, Inertia
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_writer import UNLIMITED, write_urdf
 from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
+from robot_dynamics.model.loop import End, Loop
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.placement import placement, roll_pitch_yaw
 from robot_dynamics.model.robot import Frame, Link, Robot
@@ -268,6 +269,26 @@ def test_what_urdf_cannot_say_is_refused_or_left_out_and_listed(case):
     assert re.search(reason, comment.text)
     left = read_urdf(text).links[1].inertia
     np.testing.assert_array_equal(left.second_moments, robot.links[1].inertia.second_moments)
+
+
+def test_loop_is_told_as_lost_and_the_link_without_mass_at_its_cut_stays():
+    robot = one_joint()
+    cut = Joint("cut", 1, False, placement(None, (1, 0, 0)), actuated=False, initial_position=0.5)
+    robot = replace(
+        robot,
+        links=(*robot.links, Link("cut_link", Inertia())),
+        joints=(*robot.joints, cut),
+        frames=(*robot.frames, Frame("cut_link", 2, np.eye(4))),
+        loops=(Loop("cut", End(2, np.eye(4)), End(0, np.eye(4))),),
+    )
+    told = "joint 'cut': that no motor drives it, initial position 0.5 rad; loop 'cut', which closes link 'cut_link' on"
+    with pytest.raises(DescriptionError, match=f"URDF cannot say {told} link 'base'"):
+        write_urdf(robot)
+    text = write_urdf(robot, lossy=True)
+    assert "loop 'cut', which closes" in text.split("<robot")[0]
+    left = read_urdf(text)
+    assert [link.name for link in left.links] == [link.name for link in robot.links] and not left.loops
+    assert left.links[2].inertia.mass == 0
 
 
 def test_long_list_of_losses_ends_with_a_count_in_the_error_and_is_whole_in_the_comment():

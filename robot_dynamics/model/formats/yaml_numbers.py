@@ -1,0 +1,79 @@
+"""What the numbers in a YAML description come to: expressions of its parameters, vectors, placements."""
+
+import math
+import re
+
+import numpy as np
+
+from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
+from robot_dynamics.model.inertia import MOMENTS, symmetric
+from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
+
+
+class YamlNumbers:
+    """The numbers of a YamlDocument. All raise DescriptionError, which tells line and column.
+
+    values: {name: number or expression} in the place of entries of its `parameters`.
+    """
+
+    def __init__(self, document, values):
+        self.document = document
+        self.names = self._parameters(document.data.get("parameters", {}), values)
+
+    def _parameters(self, told, values):
+        names = {}
+        for name in values:
+            if name not in told:
+                self.document.fail(("parameters",), f"value given for {unknown_name('parameter', name, told)}")
+        for name, value in told.items():
+            if name in CONSTANTS:
+                self.document.fail(("parameters", name), f"{name} is known already: take another name")
+            try:
+                names[name] = evaluate(values.get(name, value), names)
+            except DescriptionError as error:
+                later = ", ".join(
+                    other for other in told if other not in names and re.search(rf"\b{other}\b", str(value))
+                )
+                hint = f". A parameter may refer to those above it only, not to {later}" if later else ""
+                self.document.fail(("parameters", name), f"{error}{hint}")
+        return names
+
+    def number(self, mapping, key, path, default=0.0):
+        """The number under a key of the mapping that stands at a path."""
+        return self._evaluate(mapping[key], (*path, key)) if key in mapping else default
+
+    def vector(self, mapping, key, path):
+        """The three numbers (3,) under a key; zeros where it is left out."""
+        return np.array([self._evaluate(value, (*path, key, k)) for k, value in enumerate(mapping.get(key, [0, 0, 0]))])
+
+    def matrix(self, mapping, key, path):
+        """The symmetric matrix (3, 3) under a key, told by its entries xx ... zz."""
+        told, path = mapping.get(key, {}), (*path, key)
+        return symmetric(*(self.number(told, entry, path) for entry in MOMENTS))
+
+    def mdh(self, mapping, path):
+        """The placement (4, 4) that the six parameters under `mdh` stand for."""
+        told, path = mapping.get("mdh", {}), (*path, "mdh")
+        numbers = Row(*(self.number(told, key, path) for key in Row._fields))
+        for key in ("gamma", "alpha", "theta"):
+            self._check_angle(getattr(numbers, key), (*path, key))
+        return placement_of(numbers)
+
+    def pose(self, mapping, path):
+        """The placement (4, 4) that `xyz` [m] and `rpy` [rad] stand for, as URDF means them."""
+        angles = self.vector(mapping, "rpy", path)
+        for k, angle in enumerate(angles):
+            self._check_angle(angle, (*path, "rpy", k))
+        return placement(rotation_from_roll_pitch_yaw(*angles), self.vector(mapping, "xyz", path))
+
+    def _check_angle(self, angle, path):
+        if abs(angle) > 2 * math.pi + 1e-9:
+            self.document.fail(path, f"{angle:g} rad is more than a turn. Angles are in radians: radians({angle:g})")
+
+    def _evaluate(self, value, path):
+        try:
+            return evaluate(value, self.names)
+        except DescriptionError as error:
+            self.document.fail(path, str(error))
