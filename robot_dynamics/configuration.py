@@ -1,6 +1,7 @@
 """Where all joints of a robot are, and how they move together: mimic joints told by the others, loops closed."""
 
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,24 +93,45 @@ class Configurations:
         q, seed = self.checked(q)
         if not self.robot.loops:
             return q @ self._coupling.S.T + self._coupling.offset
-        samples = q.reshape(-1, q.shape[-1]) if q.ndim > 1 else q[None]
+        samples = q.reshape(-1, q.shape[-1])
         seeds = None if seed is None else seed.reshape(len(samples), -1)
-        with np.errstate(all="ignore"):  # what does not close is refused below
-            t, residual, quality = self._close(samples, seeds)
-        self._refuse_open(t, residual, quality, q.ndim > 1)
-        return (t @ self._coupling.S.T + self._coupling.offset).reshape(*q.shape[:-1], -1)
+        with self._steps() as step:
+            coupling = self._coupling
+            found = coupling.reached(samples, step) if seeds is None else coupling.near(samples, seeds, step)
+        self._refuse_open(found, many=q.ndim > 1)
+        return self._everyone(found.t).reshape(*q.shape[:-1], -1)
 
-    def _close(self, samples, seeds):
-        """`Coupling.close`, with compiled steps where they are ready."""
-        if self._programs is None:
-            return self._coupling.close(samples, seeds)
-        program = self._programs.ready("closure")
-        if program is not None:
-            return self._coupling.close(samples, seeds, program.batch)
+    def followed(self, q):
+        """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
+        before it, the first as by `closed`."""
+        q, seed = self.checked(q)
+        if q.ndim != 2 or not self.robot.loops:
+            return self.closed(q)
+        found = []
+        with self._steps() as step:
+            for sample in range(len(q)):
+                if sample:
+                    closed = self._coupling.along(found[-1], q[sample, None], step)
+                elif seed is None:
+                    closed = self._coupling.reached(q[:1], step)
+                else:
+                    closed = self._coupling.near(q[:1], seed[:1], step)
+                self._refuse_open(closed, sample, many=True)
+                found.append(closed.t)
+        return self._everyone(np.concatenate(found or [np.zeros((0, len(self._coupling.free)))]))
+
+    def _everyone(self, t):
+        return t @ self._coupling.S.T + self._coupling.offset
+
+    @contextmanager
+    def _steps(self):
+        """What computes Newton's steps: a program where it is ready, else None, and then how long it takes is noted."""
+        program = None if self._programs is None else self._programs.ready("closure")
         started = time.perf_counter()
-        found = self._coupling.close(samples, seeds)
-        self._programs.note(time.perf_counter() - started, "closure")
-        return found
+        with np.errstate(all="ignore"):  # what does not close is refused
+            yield None if program is None else program.batch
+        if program is None and self._programs is not None:
+            self._programs.note(time.perf_counter() - started, "closure")
 
     def at(self, q):
         """The Configuration at positions that `checked` takes."""
@@ -120,22 +142,32 @@ class Configurations:
         with np.errstate(all="ignore"):
             return Configuration(self._coupling, q, *self._coupling.tangent(q))
 
-    def _refuse_open(self, t, residual, quality, many):
-        """Raise SingularModelError for the first sample whose loops are open or singular."""
-        left = np.abs(residual).max(axis=-1)
-        wrong = np.flatnonzero(~((left <= CLOSES) & (quality > SINGULAR)))
+    def _refuse_open(self, found, first=0, many=False):
+        """Raise SingularModelError for the first sample whose loops are open or singular.
+
+        found: Closed; first: what the first sample is called, where there are many.
+        """
+        left = np.abs(found.residual).max(axis=-1)
+        wrong = np.flatnonzero(~((left <= CLOSES) & (found.quality > SINGULAR)) | found.crossed)
         if not len(wrong):
             return
         sample = wrong[0]
-        where, condition = f" at sample {sample}" if many else "", self._coupling.condition(t[sample])
-        name, distance, angle = widest(self.robot, residual[sample])
+        where = f" at sample {first + sample}" if many else ""
+        condition = f"(condition number {self._coupling.condition(found.t[sample]):.3g})"
+        name, distance, angle = widest(self.robot, found.residual[sample])
         if not left[sample] <= CLOSES:
             nearly = left[sample] < NEARLY and "; if it is meant to close there, its axes or lengths are not exact"
             raise SingularModelError(
                 f"loop {name!r} does not close{where}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
-                f"(condition number {condition:.3g}){nearly or '. Other positions are out of reach, or need a seed'}"
+                f"{condition}{nearly or '. These positions are out of reach, or need a seed nearer to where it closes'}"
+            )
+        if not found.quality[sample] > SINGULAR:
+            placed = ", ".join(self._names[number] for number in self.dependent)
+            raise SingularModelError(
+                f"loop {name!r} is singular{where}: it closes (residual {left[sample]:.2g}), but does not tell where "
+                f"{placed} are {condition}"
             )
         raise SingularModelError(
-            f"loop {name!r} is singular{where}: it closes (residual {left[sample]:.2g}), but does not tell where "
-            f"{', '.join(self._names[number] for number in self.dependent)} are (condition number {condition:.3g})"
+            f"the loops close{where} in another assembly mode than at the initial positions {condition}: a singular "
+            "position lies between. Give the positions of all joints, near those that are meant"
         )

@@ -287,6 +287,12 @@ class Dynamics:
         """Positions (..., all joints) of all joints, from those of the independent ones; loops are closed."""
         return self._configurations.closed(q)
 
+    def follow(self, q):
+        """Positions (N, all joints) of all joints along a trajectory q (N, n): the loops of each sample are closed from
+        the sample before it, so that the assembly mode is kept wherever the trajectory leads. Where q has all joints,
+        the first sample tells where to begin. What comes out is what the other methods take as q."""
+        return self._configurations.followed(q)
+
     def expand_rates(self, qd, q=None):
         """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`."""
         return self._somewhere(q).rates(self._joints("velocities", qd))

@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
+from peers.described_robots import robots
 from peers.random_robots import inertial, numbers, random_states, random_urdf
 from peers.real_robots import REAL_ROBOTS, real_urdf
 
@@ -16,13 +16,9 @@ from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_writer import write_urdf
-from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, Limits, Mimic
+from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.library import load_robot
-from robot_dynamics.model.loop import End, Loop
 from robot_dynamics.model.minimal_frames import minimal_frames, snapped
-from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
-from robot_dynamics.model.robot import Frame, Link, Robot
 
 TOLERANCE = 1e-9
 
@@ -150,88 +146,6 @@ def numbers_of(joint):
         *(spring.stiffness, spring.rest, spring.damping),
         *(limits.lower, limits.upper, limits.velocity, limits.effort, joint.initial_position),
     ]
-
-
-reals = st.floats(-3, 3) | st.sampled_from([0.0, 1e-300, -0.0, 1 / 3, np.pi / 2])
-positive = st.floats(0, 1e6)
-names = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=8) | st.sampled_from(
-    ["no", "1", "1.5", "null", "true", "~", "a: b", "# x", "'", '"', "\t", "\n", "- x", "é", "日本", " "]
-)
-
-
-@st.composite
-def robots(draw):
-    """Any robot that can be described: trees, loops, every kind of joint, odd names and numbers.
-
-    The last of the joints may be cuts: they end branches, and most of them are as a cut joint is.
-    """
-    count, cuts = draw(st.integers(0, 5)), draw(st.integers(0, 3))
-    tree, count = count, count + cuts
-    found = draw(st.lists(names, min_size=3 * count + 4, max_size=3 * count + 4, unique=True))
-    joint_names, link_names, others = found[:count], found[count : 2 * count + 1], found[2 * count + 1 :]
-    odd = [k >= tree and draw(st.integers(0, 9)) == 0 for k in range(count)]
-
-    def place():
-        return placement(
-            rotation_from_roll_pitch_yaw(*(draw(reals) for _ in range(3))), [draw(reals) for _ in range(3)]
-        )
-
-    def body():
-        entries = [draw(reals) for _ in range(6)]
-        moments = np.array([entries[:3], [entries[1], *entries[3:5]], [entries[2], *entries[4:]]])
-        return Inertia(draw(positive), [draw(reals) for _ in range(3)], moments)
-
-    joints = []
-    for k in range(count):
-        cut = k >= tree and not odd[k]
-        leads = k == 0 or cut or draw(st.booleans())
-        bounds = [draw(reals | st.just(np.inf)) for _ in range(4)]
-        joints.append(
-            Joint(
-                name=joint_names[k],
-                antecedent=draw(st.integers(0, k if odd[k] else min(k, tree))),
-                prismatic=draw(st.booleans()),
-                placement=place(),
-                rotor_inertia=0.0 if cut else draw(positive),
-                viscous_friction=draw(positive),
-                coulomb_friction=draw(positive),
-                limits=Limits(-bounds[0] if bounds[0] == np.inf else bounds[0], *bounds[1:]),
-                mimic=None if leads else Mimic(joint_names[k - 1], draw(reals), draw(reals)),
-                actuated=not leads or (not cut and draw(st.booleans())),
-                spring=draw(st.none() | st.builds(Spring, positive, reals, positive)),
-                initial_position=draw(reals),
-            )
-        )
-    frames = [Frame(name, k, place() if k and draw(st.booleans()) else np.eye(4)) for k, name in enumerate(link_names)]
-    frames += [Frame(name, draw(st.integers(0, count)), place()) for name in others]
-    return Robot(
-        name=draw(names),
-        links=tuple(
-            Link(name, body() if k <= tree or draw(st.integers(0, 9)) == 0 else Inertia())
-            for k, name in enumerate(link_names)
-        ),
-        joints=tuple(joints),
-        frames=tuple(frames),
-        moving_base=draw(st.booleans()),
-        gravity=[draw(reals) for _ in range(3)],
-        loops=draw_loops(draw, joint_names, tree, others, place) if count else (),
-    )
-
-
-def draw_loops(draw, joint_names, tree, others, place):
-    """Loops of a robot: one at each joint after those of the tree, and others, welds and ball joints, in between."""
-    count, loops = len(joint_names), []
-    any_link = st.integers(0, count) if draw(st.integers(0, 3)) == 0 or tree == 0 else st.integers(0, tree)
-    for number in range(tree + 1, count + 1):
-        closed_on = draw(any_link)
-        if draw(st.integers(0, 9)) and closed_on != number:
-            loops.append(Loop(joint_names[number - 1], End(number, np.eye(4)), End(closed_on, place())))
-    free = sorted({*others, *joint_names} - {loop.name for loop in loops})
-    for name in draw(st.lists(st.sampled_from(free), max_size=2, unique=True)):
-        moved, closed_on = draw(st.lists(any_link, min_size=2, max_size=2, unique=True))
-        loop = Loop(name, End(moved, place()), End(closed_on, place()), ball=draw(st.booleans()))
-        loops.insert(draw(st.integers(0, len(loops))), loop)
-    return tuple(loops)
 
 
 def assert_same_loops(found, expected):

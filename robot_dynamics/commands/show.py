@@ -1,4 +1,4 @@
-"""Print a robot as tables: MDH parameters, joints, inertias, named frames, totals and what is doubtful.
+"""Print a robot as tables: MDH parameters, joints, loops, inertias, named frames, totals and what is doubtful.
 
 SI units: m, rad, kg, N m. Angles of the table as multiples of pi where they are.
 """
@@ -8,6 +8,7 @@ import numpy as np
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
 from robot_dynamics.commands.text_table import print_table, short
 from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import angle_text
 from robot_dynamics.model.mdh_table import table
 from robot_dynamics.model.placement import roll_pitch_yaw
@@ -27,6 +28,7 @@ def run(told):
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")
     print_mdh_table(robot)
     print_joints(robot)
+    print_loops(robot)
     print_inertias(robot)
     print_frames(robot)
     print_totals(robot)
@@ -55,9 +57,24 @@ def print_joints(robot):
         sprung = [spring.stiffness, spring.rest, spring.damping] if spring else [None] * 3
         frictions = [joint.rotor_inertia or None, joint.viscous_friction or None, joint.coulomb_friction or None]
         bounds = [limits.lower, limits.upper, limits.velocity, limits.effort]
-        rows.append([joint.name, joint.role, *frictions, *sprung, follows, *bounds])
+        start = joint.initial_position or None
+        rows.append([joint.name, joint.role, *frictions, *sprung, follows, *bounds, start])
     head = ["joint", "role", "rotor inertia", "viscous", "Coulomb", "stiffness", "rest", "damping", "follows"]
-    print_table([*head, "lower", "upper", "velocity", "effort"], rows, "Joints")
+    print_table([*head, "lower", "upper", "velocity", "effort", "initial position"], rows, "Joints")
+
+
+def print_loops(robot):
+    """Two rows for each loop: its frame k, and its frame k+B."""
+    rows, cut = [], cut_joints(robot)
+    for number, loop in enumerate(robot.loops):
+        kind = "spherical" if loop.ball else "fixed"
+        if number in cut:
+            kind = "prismatic" if robot.joints[cut[number]].prismatic else "revolute"
+        rows.append([loop.name, kind, "k", *_placed(robot, *loop.moved)])
+        rows.append(["", "", "k+B", *_placed(robot, *loop.closed_on)])
+    if rows:
+        head = ["cut joint", "type", "frame", "on link", "x", "y", "z", "roll", "pitch", "yaw"]
+        print_table(head, rows, "Loops: frames that coincide, in the frames above; spherical: their origins do")
 
 
 def print_inertias(robot):
@@ -75,8 +92,7 @@ def print_frames(robot):
     for frame in robot.frames:
         link = robot.links[frame.link].name
         if frame.name != link or not np.allclose(frame.placement, np.eye(4), atol=1e-12):
-            position = (float(round(x, 12)) for x in frame.placement[:3, 3])
-            rows.append([frame.name, link, *position, *map(_angle, roll_pitch_yaw(frame.placement[:3, :3]))])
+            rows.append([frame.name, *_placed(robot, frame.link, frame.placement)])
     if rows:
         print_table(
             ["frame", "on link", "x", "y", "z", "roll", "pitch", "yaw"],
@@ -86,7 +102,10 @@ def print_frames(robot):
 
 
 def print_totals(robot):
-    """Mass and centre of all that moves, joint variables zero."""
+    """Mass and centre of all that moves, joint variables zero; of loops the mass alone, which need not close there."""
+    if robot.loops:
+        print(f"\nmoving mass {sum(link.inertia.mass for link in robot.links[0 if robot.moving_base else 1 :]):.6g} kg")
+        return
     placed = link_placements(robot, Dynamics(robot).expand(np.zeros(len(Dynamics(robot).joint_names))))
     first = 0 if robot.moving_base else 1
     bodies = [(R @ link.inertia.first_moments + link.inertia.mass * P, link.inertia.mass)
@@ -97,6 +116,12 @@ def print_totals(robot):
         centre = sum(moment for moment, _ in bodies) / mass
         told += f", centre at {' '.join(f'{x:.6g}' for x in centre)} m with all joint variables zero"
     print(f"\n{told}")
+
+
+def _placed(robot, link, placement):
+    """Name of a link, and position and angles of a placement (4, 4) in its frame."""
+    position = (float(round(x, 12)) for x in placement[:3, 3])
+    return [robot.links[link].name, *position, *map(_angle, roll_pitch_yaw(placement[:3, :3]))]
 
 
 def _angle(angle):

@@ -8,18 +8,36 @@ Without loops G = S and the drift is zero. Loops place some of the joints t, the
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import qr
 
 from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
 from robot_dynamics.newton_euler.loops import loop_equations
-from robot_dynamics.newton_euler.mobility import mobility
+from robot_dynamics.newton_euler.mobility import CLOSES, mobility
 from robot_dynamics.newton_euler.screw import apply
 
 LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the closed configuration that is known
-MOST_STRIDES = 60
+FINER = 10  # times as many strides where these lead astray
+MOST_STRIDES = 600
+ITERATIONS_ON_THE_WAY = 3
+
+
+class Closed(NamedTuple):
+    """Positions t (N, m) of the joints that follow no other one, and how well they close the loops.
+
+    residual: (N, rows); quality: (N,) the least part of the squared length of a column of J_d that is its own, 0 where
+    J_d is singular; crossed: (N,) whether a singular position lies between them and where they were sought from.
+    """
+
+    t: np.ndarray
+    residual: np.ndarray
+    quality: np.ndarray
+    crossed: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +46,7 @@ class Coupling:
 
     S (joints, m), offset (joints,): from the joints `free` (numbers) that follow no other one. independent, dependent:
     numbers of joints; among the free ones they have places in the columns of S, `chosen` and `placed`. closed (m,):
-    positions of the free joints at which the loops are closed.
+    positions of the free joints at which the loops are closed; rows: as many rows of J_d, independent there.
     """
 
     robot: object
@@ -38,6 +56,7 @@ class Coupling:
     chosen: np.ndarray
     placed: np.ndarray
     closed: np.ndarray | None
+    rows: np.ndarray | None
 
     @property
     def independent(self):
@@ -82,30 +101,71 @@ class Coupling:
         step = linear.least_squares(factors, -equations.residual)
         return equations.residual, step, factors.pivots, factors.lengths
 
-    def close(self, q, seed=None, step=None):
-        """(t (N, m), residual (N, rows), quality (N,)): positions of the free joints that close the loops.
-
-        q: (N, n) of the independent ones; seed: (N, dependent), from where the others go to the nearest closed
-        configuration, else from the one that is known, whole turns of the independent joints left out, along the
-        straight way to q. step: what computes `step`, this object's own if None. quality: the least part of the squared
-        length of a column of J_d that is its own, 0 where J_d is singular.
-        """
-        step = step or self.step
-        longest = LONGEST_STEP * self._reach(self.placed)
+    def near(self, q, seed, step=None):
+        """The Closed positions nearest to a seed: q (N, n) of the independent joints, seed (N, dependent) of those that
+        the loops place. step: what computes `step`, this object's own if None."""
         t = np.empty((len(q), len(self.free)))
-        if seed is None:
-            t[:], target = self.closed, self._without_turns(q)
-            way = target - self.closed[self.chosen]
-            strides = np.ceil(np.abs(way / self._reach(self.chosen)).max(initial=0) / LONGEST_STRIDE)
-            for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
-                t[:, self.chosen] = self.closed[self.chosen] + share * way
-                t, _ = newton(step, t, self.placed, longest, iterations=2)
-            t[:, self.chosen] = target
-        else:
-            t[:, self.chosen], t[:, self.placed] = q, seed
-        t, (residual, _, pivots, lengths) = newton(step, t, self.placed, longest)
+        t[:, self.chosen], t[:, self.placed] = q, seed
+        return self._closed(t, step or self.step)
+
+    def reached(self, q, step=None):
+        """The Closed positions in the assembly mode of those that are known, `closed`: whole turns of the independent
+        joints left out, along the straight way from there to q (N, n), or around. step: as for `near`."""
+        target, start = self._without_turns(q), np.broadcast_to(self.closed, (len(q), len(self.free)))
+        found = self._in_mode(self.along(start, target, step))
+        for way in (self._straight, self._joint_by_joint, partial(self._joint_by_joint, backwards=True)):
+            again = np.flatnonzero(found.crossed | ~(np.abs(found.residual).max(axis=-1) <= CLOSES))
+            if not len(again):
+                break
+            other = self._in_mode(way(start[again], target[again], step))
+            better = ~other.crossed & (np.abs(other.residual).max(axis=-1) <= CLOSES)
+            for values, now in zip(found, other, strict=True):
+                values[again[better]] = now[better]
+        found.t[:, self.chosen] = q
+        return found
+
+    def _straight(self, start, target, step):
+        """`along`, with shorter strides."""
+        return self.along(start, target, step, LONGEST_STRIDE / FINER)
+
+    def _joint_by_joint(self, start, target, step, backwards=False):
+        """As `along`, one independent joint after the other: around positions at which the loops cannot close."""
+        places = np.arange(target.shape[1])
+        for place in places[::-1] if backwards else places:
+            corner = start[:, self.chosen]
+            corner[:, place] = target[:, place]
+            found = self.along(start, corner, step)
+            start = found.t
+        return found
+
+    def _in_mode(self, found):
+        return found._replace(crossed=self._orientation(found.t) != self._orientation(self.closed))
+
+    def along(self, t, q, step=None, longest=LONGEST_STRIDE):
+        """The Closed positions at the end of the straight way from closed positions t (N, m) to q (N, n).
+
+        Strides are at most `longest` [rad or characteristic lengths] but for MOST_STRIDES, and begin where the last one
+        points to.
+        """
+        step, start, before = step or self.step, t[:, self.chosen], t
+        strides = np.ceil(np.abs((q - start) / self._reach(self.chosen)).max(initial=0) / longest)
+        for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
+            t, before = 2 * t - before, t
+            t[:, self.chosen] = start + share * (q - start)
+            t, _ = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), ITERATIONS_ON_THE_WAY)
+        t = 2 * t - before
         t[:, self.chosen] = q
-        return t, residual, (pivots / lengths).min(axis=-1)
+        return self._closed(t, step)
+
+    def _closed(self, t, step):
+        t, (residual, _, pivots, lengths) = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed))
+        return Closed(t, residual, (pivots / lengths).min(axis=-1), np.zeros(len(t), dtype=bool))
+
+    def _orientation(self, t):
+        """(...) the sign of the determinant of rows of J_d that are independent at the positions `closed`: it does not
+        change without passing a singular position."""
+        J = (loop_equations(self.robot, t @ self.S.T + self.offset).jacobian @ self.S)[..., self.placed]
+        return np.sign(np.linalg.det(J[..., self.rows, :]))
 
     def condition(self, t):
         """The condition number of J_d at positions t (m,)."""
@@ -136,9 +196,11 @@ def coupling(robot):
         S[number, column[leader]] = multiplier
         offset[number] = shift
     if not robot.loops:
-        return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None)
+        return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None, None)
     placed, closed = mobility(robot, S, offset, free)
-    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed)
+    J = loop_equations(robot, S @ closed + offset).jacobian @ S[:, placed]
+    rows = qr(J.T, mode="r", pivoting=True)[1][: len(placed)]
+    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed, rows)
 
 
 def projection(G, base_rows):

@@ -3,8 +3,8 @@
     residual e(q) = 0,   J q̇ = 0,   J q̈ + J̇ q̇ = 0
 
 Each loop gives six rows, [position; rotation] of frame k relative to frame k+B in the axes of the link where its two
-chains part; a ball joint three, of the position. Positions are counted in units of the `characteristic_length` of the robot, so that
-metres and radians compare. How the link where the chains part moves has no part in it.
+chains part; a ball joint three, of the position. Positions are counted in units of the robot's characteristic_length,
+so that metres and radians compare. How the link where the chains part moves has no part in it.
 
 For a rotation by an angle φ about the unit vector u the residual is 2 tan(φ/2) u: its derivative is the angular
 velocity where φ is small, and it has no other zero.
@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_dynamics.newton_euler.kinematics import link_placements, place
-from robot_dynamics.newton_euler.screw import apply, cross, join, screw, wrench_to_antecedent
+from robot_dynamics.newton_euler.screw import apply, cross, screw, wrench_to_antecedent
 
 
 class LoopEquations(NamedTuple):
@@ -59,7 +59,9 @@ def loop_equations(robot, q, qd=None):
         residuals.append(_residual(*arms, loop.ball) * scale)
         jacobians.append(_jacobian(*arms, len(robot.joints))[..., :rows, :] * scale[:, None])
         drifts.append((arms[0].drift - arms[1].drift)[..., :rows] * scale)
-    return LoopEquations(join(residuals), _stacked(jacobians), join(drifts))
+    # vectors as matrices of one column, to be stacked like them
+    residual, drift = (_stacked([rows[..., None] for rows in parts])[..., 0] for parts in (residuals, drifts))
+    return LoopEquations(residual, _stacked(jacobians), drift)
 
 
 def loop_wrenches(robot, q, multipliers):
@@ -82,7 +84,7 @@ def loop_wrenches(robot, q, multipliers):
 
 
 def _stacked(matrices):
-    """Matrices (..., m, joints) on top of each other."""
+    """Matrices (..., m, k) on top of each other."""
     batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
     return np.concatenate([np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])) for matrix in matrices], axis=-2)
 

@@ -24,6 +24,18 @@ joints:
   - {joint: j1, link: l1, mdh: {d: a}, mass: 1, inertia: {xx: 1, yy: 1, zz: 1}}
   - {joint: j2, link: l2, mdh: {d: b, alpha: 0.001}, mass: 1, inertia: {xx: 1, yy: 1, zz: 1}}
 """
+BARS = """\
+robot: bars
+joints:
+  - {joint: j1, link: l1, mass: 1, inertia: {xx: 1, yy: 1, zz: 1}, initial_position: 0.5}
+  - {joint: j2, link: l2, mdh: {d: 1}, role: passive, mass: 1, inertia: {xx: 1, yy: 1, zz: 1}}
+loops:
+  - joint: knee
+    type: prismatic
+    moved: {antecedent: l2, mdh: {d: 1}}
+    closed_on: {antecedent: base_link, xyz: [1/2, 0, 0], rpy: [0, 0, pi/2]}
+  - {joint: ball, type: spherical, moved: {antecedent: l2, xyz: [2, 0, 0]}, closed_on: {antecedent: base_link}}
+"""
 
 
 def refused(arguments, capsys):
@@ -121,6 +133,29 @@ def test_show_tells_springs_and_angles_with_pi(capsys):
     assert re.search(r"motor_2 .* pi/2 +0 +pi/2 ", told)
     assert main(["show", "manutec_r3", "--frames", "minimal"]) == 0
     assert not re.search(r"motor_2 .* pi/2 +0 +pi/2 ", capsys.readouterr().out)
+
+
+def test_show_tells_loops_with_both_their_frames(tmp_path, capsys):
+    (tmp_path / "bars.yaml").write_text(BARS)
+    assert main(["show", str(tmp_path / "bars.yaml")]) == 0
+    told = capsys.readouterr().out
+    assert re.search(r"joint +role +initial position\n.*\nj1 +actuated +0.5\n", told)
+    assert re.search(r"\nknee +prismatic +k +knee_link +0 .*\n +k\+B +base_link +0.5 +0 +0 +0 +0 +pi/2\n", told)
+    assert re.search(r"\nball +spherical +k +l2 +2 .*\n +k\+B +base_link +0 ", told)
+    assert "moving mass 2 kg\n" in told
+
+
+def test_loops_stay_from_a_table_to_a_par_and_back(tmp_path, capsys):
+    (tmp_path / "bars.yaml").write_text(BARS.replace("type: spherical", "type: fixed").replace("0.5}", "0}"))
+    for source, target in (("bars.yaml", "a.par"), ("a.par", "b.yaml"), ("b.yaml", "c.par"), ("c.par", "d.yaml")):
+        assert main(["convert", str(tmp_path / source), str(tmp_path / target)]) == 0
+    assert (tmp_path / "a.par").read_text() == (tmp_path / "c.par").read_text()
+    assert (tmp_path / "b.yaml").read_text() == (tmp_path / "d.yaml").read_text()
+    assert [loop.name for loop in load_robot(tmp_path / "d.yaml").loops] == ["knee", "ball"]
+    capsys.readouterr()
+    (tmp_path / "bars.yaml").write_text(BARS)
+    told = refused(["convert", tmp_path / "bars.yaml", tmp_path / "a.par"], capsys)
+    assert "'j1' has an initial position; loop 'ball' is cut at a ball joint" in told and "--lossy" in told
 
 
 def test_centre_of_mass_that_show_tells_is_that_of_the_gravity_torque(capsys):

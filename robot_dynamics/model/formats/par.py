@@ -2,6 +2,9 @@
 
 Row j places frame j in that of its antecedent by the six MDH parameters; entry j of theta (revolute, sigma = 0) or of r
 (prismatic, sigma = 1) holds the joint variable: `th2`, or `th2 - pi/2` where frame j is turned by -π/2 at th2 = 0.
+
+The rows NL + 1 to NJ are cut joints, frames k: passive ones that move a link without inertia, or welds (sigma = 2). The
+rows NJ + 1 to NF are the fixed frames k+B with which they coincide, in the same order (Khalil, section 2.2).
 """
 
 import logging
@@ -13,6 +16,7 @@ from robot_dynamics.model.formats.par_document import DRIVE, FORCES, MOTION, Par
 from robot_dynamics.model.formats.par_numbers import ParNumbers
 from robot_dynamics.model.inertia import MOMENTS, Inertia, symmetric
 from robot_dynamics.model.joint import Joint, Spring
+from robot_dynamics.model.loop import End, Loop
 from robot_dynamics.model.mdh import Row, placement_of
 from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
 
@@ -29,8 +33,9 @@ def read_par(text, *, source="par", values=None, moving_base=None, gravity=None)
     gravity: (3,) [m/s²], in the world; None: G, which is that vector in frame 0, and without G the Earth's.
 
     Joints are joint_j, links link_j, fixed frames frame_j, of row j, where comments of `write_par` do not tell other
-    names. What a .par tells of a state (QP, QDP, GAM, W0 ... VP0, FX ... CZ) and Z, where frame 0 stands for its user,
-    is no part of the robot. An elastic joint (eta = 1) is at rest where its variable is zero.
+    names; a loop has the name of the joint at which it is cut, one that is welded is loop_j. What a .par tells of a
+    state (QP, QDP, GAM, W0 ... VP0, FX ... CZ) and Z, where frame 0 stands for its user, is no part of the robot. An
+    elastic joint (eta = 1) is at rest where its variable is zero.
 
     Raises DescriptionError, which tells the line, what is wrong and what would be right.
     """
@@ -53,15 +58,19 @@ class _Builder:
             moving_base = self.document.floating
         with np.errstate(all="ignore"):  # what is not finite is refused
             self.inertias = [self._inertia(0) if moving_base else Inertia()]
-            for row in range(1, self.document.links + 1):
+            for row in range(1, self.document.frames + 1):
                 self._row(row)
+            self._check_ends()
             gravity = self._gravity() if gravity is None else gravity
             self._refuse_missing()
             self._tell_ignored()
             return self._robot(moving_base, gravity)
 
     def _row(self, row):
-        sigma = self._choice("sigma", row, (0, 1, 2), "0 (revolute), 1 (prismatic) or 2 (fixed)")
+        choices, needed = (0, 1, 2), "0 (revolute), 1 (prismatic) or 2 (fixed)"
+        if row > self.document.joints:
+            choices, needed = (2,), f"2 (fixed), as it closes the loop that row {self._moved(row)} cuts,"
+        sigma = self._choice("sigma", row, choices, needed)
         before = f"0 to {row - 1}, a frame that comes before," if row > 1 else "0, the base,"
         link, frame = self.placed[self._choice("ant", row, range(row), before)]
         frame = frame @ placement_of(self._mdh(row, sigma))
@@ -76,6 +85,23 @@ class _Builder:
         self.rows.append(row)
         self.inertias.append(inertia)
         self.placed.append((len(self.rows), np.eye(4)))
+
+    def _moved(self, row):
+        """The row of frame k of which a row is the frame k+B."""
+        return row - (self.document.joints - self.document.links)
+
+    def _loop_ends(self):
+        """(row of frame k, row of frame k+B) of each loop."""
+        return [(self._moved(row), row) for row in range(self.document.joints + 1, self.document.frames + 1)]
+
+    def _check_ends(self):
+        for moved, closed_on in self._loop_ends():
+            if self.placed[moved][0] == self.placed[closed_on][0]:
+                self.document.fail(
+                    self._entry("ant", closed_on).line,
+                    f"rows {moved} and {closed_on}, which are to coincide, are on the same link, so that they close "
+                    "nothing",
+                )
 
     def _entry(self, key, row):
         """The Entry of a row in a list that begins with row 1."""
@@ -102,7 +128,9 @@ class _Builder:
         return Row(**told)
 
     def _of_link(self, key, row):
-        """The Entry of a row in a list that begins with link 0 where the base floats."""
+        """The Entry of a row in a list that begins with link 0 where the base floats, and has none of cut joints."""
+        if row > self.document.links:
+            return None
         number = row - 1 + self.document.floating
         return self.numbers.entry(key, number) if number >= 0 else None
 
@@ -126,6 +154,12 @@ class _Builder:
             for name, key in zip(told, DRIVE, strict=True)
         }
         mu = self._choice("mu", row, (0, 1), "0 or 1, whether a motor drives it,") if self._has("mu") else 1
+        if mu and row > self.document.links:
+            self.document.fail(
+                self._entry("mu", row).line,
+                f"mu of row {row} is 1, but a loop is cut there (NL = {self.document.links}), where no motor can be: 0 "
+                "is needed, or cut the loop at another joint, one without motor",
+            )
         eta = self._choice("eta", row, (0, 1), "0 (rigid) or 1 (elastic)") if self._has("eta") else 0
         spring = None
         if eta:
@@ -161,9 +195,8 @@ class _Builder:
         """Log what the document says that the robot does not take up."""
         lists, numbers = self.document.lists, self.numbers
         entries = {key: lists.get(key, []) for key in STATE}
-        entries.update(
-            {key: [self._of_link(key, row) for row in self._fixed_rows()] for key in DRIVE if self._has(key)}
-        )
+        fixed = [row for row in self._fixed_rows() if row <= self.document.links]
+        entries.update({key: [self._of_link(key, row) for row in fixed] for key in DRIVE if self._has(key)})
         told = [key for key, those in entries.items() if any(self._is_nonzero(entry) for entry in those)]
         if told:
             logger.warning("%s: %s say no part of the robot and are left out", self.document.source, ", ".join(told))
@@ -178,7 +211,8 @@ class _Builder:
         links = self._told_names("Links", ["link_0", *(f"link_{row}" for row in self.rows)], "links, the base first")
         names = self._told_names("Joints", [f"joint_{row}" for row in self.rows], "joints")
         rigid = [told["spring"] is None for told in self.told_joints]
-        if any(rigid) and not any(told["actuated"] for told in self.told_joints):
+        tree = self.document.joints == self.document.links
+        if tree and any(rigid) and not any(told["actuated"] for told in self.told_joints):
             logger.warning("%s: mu is 0 throughout and taken as not said: joints are actuated", self.document.source)
             self.told_joints = [{**told, "actuated": told["spring"] is None} for told in self.told_joints]
         frames = tuple(self._frames(links))
@@ -190,9 +224,17 @@ class _Builder:
                 frames=frames,
                 moving_base=moving_base,
                 gravity=gravity,
+                loops=self._loops(names),
             )
         except DescriptionError as error:
             self.document.fail(None, str(error))
+
+    def _loops(self, joint_names):
+        joints = dict(zip(self.rows, joint_names, strict=True))
+        cut = range(self.document.links + 1, self.document.joints + 1)
+        names = self._told_names("Loops", [joints.get(row, f"loop_{row}") for row in cut], "loops")
+        ends = [[End(*self.placed[row]) for row in rows] for rows in self._loop_ends()]
+        return tuple(Loop(name, *pair) for name, pair in zip(names, ends, strict=True))
 
     def _fixed_rows(self):
         return sorted(set(range(1, len(self.placed))) - set(self.rows))

@@ -34,7 +34,7 @@ TRUTH = {"0": False, "1": True, "false": False, "true": True}
 
 _KEY = re.compile(r"\s*([A-Za-z_]\w*)[ \t]*=[ \t]*", re.ASCII)
 _LIST = re.compile(r"\s*\{([^{}=]*)(.?)", re.DOTALL)
-_NAMES_TOLD = re.compile(r"(Joints|Links|Frames)\s*=\s*(|'.*)", re.DOTALL)
+_NAMES_TOLD = re.compile(r"(Joints|Links|Loops|Frames)\s*=\s*(|'.*)", re.DOTALL)
 _NAME_TOLD = re.compile(r"\s*'([^'\n]*)'(?:\s+(\d{1,9}))?\s*(,|$)", re.ASCII)
 _ROBOT_TOLD = re.compile(r"Robotname\s*=\s*'([^'\n]*)'")
 
@@ -49,9 +49,11 @@ class Entry(NamedTuple):
 class ParDocument:
     """The parts of a .par whose header can be, and whose lists have the lengths that the header asks for.
 
-    links: NL, as many as there are rows; floating: whether the lists of the links begin with link 0; lists:
-    {key: entries}, under the keys in LISTS, NEEDED are all there; names: {"Joints", "Links" or "Frames":
-    (line, [(name, number)])} of comments such as (* Frames = 'tool' 7 *), the number None where there is none.
+    links: NL, as many as there are rows in the tree; joints: NJ, rows from NL + 1 on are cut joints; frames: NF, rows
+    from NJ + 1 on are the frames k+B that close the loops, in the order of the cut joints. floating: whether the lists
+    of the links begin with link 0; lists: {key: entries}, under the keys in LISTS, NEEDED are all there; names:
+    {"Joints", "Links", "Loops" or "Frames": (line, [(name, number)])} of comments such as (* Frames = 'tool' 7 *), the
+    number None where there is none.
 
     Raises DescriptionError, which tells source and line, what is wrong and what would be right.
     """
@@ -176,8 +178,9 @@ class ParDocument:
         for key in ("NL", "NJ"):
             if key not in self._header:
                 self.fail(None, f"{key} missing: NL = number of links and NJ = number of joints are needed")
-        self.links, joints = self._whole("NL"), self._whole("NJ")
-        frames = self._whole("NF") if "NF" in self._header else 2 * joints - self.links
+        self.links, self.joints = self._whole("NL"), self._whole("NJ")
+        self.frames = 2 * self.joints - self.links
+        frames = self._whole("NF") if "NF" in self._header else self.frames
         if "Type" in self._header:
             self._whole("Type")
         self.floating = self._truth("is_floating")
@@ -190,29 +193,32 @@ class ParDocument:
         line = self._header["NJ"].line
         if self.links > MOST_ROWS:
             self.fail(self._header["NL"].line, f"NL = {self.links}: more links than {MOST_ROWS} are not read")
-        if joints < self.links:
-            self.fail(line, f"NJ = {joints} joints cannot move NL = {self.links} links: NJ = NL in a tree")
-        if joints > self.links:
-            cut = range(self.links + 1, joints + 1)
-            told = f"joint {cut[0]} closes a loop" if len(cut) == 1 else f"joints {cut[0]} to {cut[-1]} close loops"
+        if self.joints < self.links:
             self.fail(
                 line,
-                f"NJ = {joints} joints for NL = {self.links} links: {told}, and closed loops are not read yet. "
-                "NJ = NL in a tree",
+                f"NJ = {self.joints} joints cannot move NL = {self.links} links: NJ = NL in a tree, and one joint more "
+                "for each loop",
             )
-        if frames != self.links:
+        if self.frames > MOST_ROWS:
+            self.fail(line, f"NJ = {self.joints}: more frames than {MOST_ROWS} are not read")
+        if frames != self.frames:
+            cut = self.joints - self.links
+            why = f" (one frame for each link, two for each of {cut} cut joints)" if cut else ""
             line = self._header["NF"].line
-            self.fail(line, f"NF = {frames}: NF = 2 NJ - NL = {self.links} is needed, or leave it out")
+            self.fail(line, f"NF = {frames}: NF = 2 NJ - NL = {self.frames} is needed{why}, or leave it out")
 
     def _check_lists(self):
         missing = [key for key in NEEDED if key not in self.lists]
         if missing:
             self.fail(None, f"{', '.join(missing)} missing: the table of the frames needs {', '.join(NEEDED)}")
-        of_rows = self.links, f"NF = {self.links}, one for each frame"
+        if self.joints > self.links and "mu" not in self.lists:
+            self.fail(None, "mu missing: where loops are closed it tells which joints motors drive")
+        closing = f", of which {self.joints - self.links} close loops" if self.joints > self.links else ""
+        of_rows = self.frames, f"NF = {self.frames}, one for each frame{closing}"
         of_links = self.links, f"NL = {self.links}, one for each link, without link 0 as is_floating = 0"
         if self.floating:
             of_links = self.links + 1, f"NL + 1 = {self.links + 1}, from link 0 as is_floating = 1"
-        of_joints = self.links, f"NJ = {self.links}, one for each joint"
+        of_joints = self.joints, f"NJ = {self.joints}, one for each joint"
         lengths = {key: (length, f"{length}") for key, length in VECTORS.items()}
         lengths.update(dict.fromkeys(GEOMETRY, of_rows))
         lengths.update(dict.fromkeys((*INERTIA, *DRIVE, *FORCES), of_links))

@@ -4,46 +4,38 @@ Rows are frames of the robot, in the order of its links, then what else has a na
 
     (* Joints = 'shoulder', 'elbow' *)
     (* Links = 'base', 'upper_arm', 'forearm' *)
+    (* Loops = 'knee' *)
     (* Frames = 'forearm' 4, 'tool' 5 *)
 
-Links are the base and the bodies of the rows that a joint moves, in their order. Frames tells the row of each named
-frame, moved or fixed, 0 the base. A link that is not among them has its named frame at its own row; one that is has
-its named frame, in which wrenches on it are given, there, while its row is where the joint moves it. A fixed row that
-Frames does not name only leads to another one.
+Links are the base and the bodies of the rows that a joint moves, in their order, those of cut joints last. Loops are
+told in the order of the rows of their frames k. Frames tells the row of each named frame, moved or fixed, 0 the base. A
+link that is not among them has its named frame at its own row; one that is has its named frame, in which wrenches on it
+are given, there, while its row is where the joint moves it. Fixed rows that Frames does not name only lead to others.
 """
 
 import unicodedata
-from typing import NamedTuple
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import angle_text, number_text
 from robot_dynamics.model.formats.par_document import LARGEST, MOST_ROWS
-from robot_dynamics.model.inertia import MOMENTS, Inertia
-from robot_dynamics.model.joint import Joint, Limits
-from robot_dynamics.model.mdh import Row, rows_of
-from robot_dynamics.model.mdh_table import table
+from robot_dynamics.model.formats.par_rows import FileRow, file_rows
+from robot_dynamics.model.inertia import MOMENTS
+from robot_dynamics.model.joint import Limits
+from robot_dynamics.model.mdh import Row
 
 ANGLES = ("gamma", "alpha", "theta")
 DRIVE = {"IA": "rotor_inertia", "FV": "viscous_friction", "FS": "coulomb_friction"}
-
-
-class _FileRow(NamedTuple):
-    """One row of the file: number of the row that it is placed in, its six parameters, and what a joint moves there."""
-
-    antecedent: int
-    row: Row
-    joint: Joint | None = None
-    inertia: Inertia = Inertia()
 
 
 def write_par(robot, *, lossy=False):
     """The text of a Robot in the frames that it has; see `minimal_frames` for those with the fewest numbers.
 
     lossy: leave out what a .par cannot say (limits, joints that follow others, rest and damping of springs, springs
-    beside motors) and tell so in comments, instead of raising. The inertia of a base that stands enters no equation
-    and has no place in the format either: it is left out, and a comment tells.
+    beside motors, initial positions, loops cut at ball joints) and tell so in comments, instead of raising. The inertia
+    of a base that stands enters no equation and has no place in the format either: it is left out, and a comment tells.
+    A cut joint that has friction, for which a .par has no place, is written as a joint of the tree, its loop as a weld.
 
     Raises DescriptionError where something would be lost, a name cannot stand in a comment, or a number is a symbol.
     """
@@ -56,21 +48,21 @@ def write_par(robot, *, lossy=False):
             f"robot {robot.name!r}: a SYMORO+ .par cannot say this: {'; '.join(lost)}. "
             "Keep another format, or write it lossy (--lossy)"
         )
-    rows, frames = _rows(robot)
-    if len(rows) > MOST_ROWS:
-        raise DescriptionError(f"robot {robot.name!r} has {len(rows)} rows: more than {MOST_ROWS} would not be read")
+    file = file_rows(robot)
+    if len(file.rows) > MOST_ROWS:
+        raise DescriptionError(f"robot {robot.name!r} has {len(file.rows)} rows: more than {MOST_ROWS} are not read")
     text = "\n".join(
         [
             f"(* Robotname = {_quoted(robot.name)} *)",
             *(f"(* Lost: {sentence} *)" for sentence in (*lost, *standing_base(robot))),
-            *_header(robot, rows),
-            *_names(robot, rows, frames),
+            *_header(robot, file),
+            *_names(robot, file),
             "\n(* Geometric parameters: m, rad *)",
-            *_geometry(rows),
+            *_geometry(file.rows),
             "\n(* Dynamic parameters about the origin of each frame: kg, kg m, kg m^2; at the joint: SI units *)",
-            *_dynamics(robot, rows),
+            *_dynamics(robot, file.rows[: file.links]),
             "\n(* Joint parameters: 1 elastic, 0 rigid; N m/rad or N/m *)",
-            *_elasticity(rows),
+            *_elasticity(file.rows[: file.joints]),
             "\n(* Acceleration of gravity: m/s^2 *)",
             _list("G", map(number_text, robot.gravity)),
             "\n(* End of definition *)\n",
@@ -90,6 +82,8 @@ def losses(robot):
             what.append(f"follows joint {_quoted(joint.mimic.joint)}")
         if joint.limits != Limits():
             what.append("has limits")
+        if joint.initial_position != 0:
+            what.append("has an initial position")
         if spring is not None and joint.actuated:
             what.append("has a spring beside its motor")
         elif spring is not None:
@@ -97,45 +91,30 @@ def losses(robot):
             what += [f"has {what_is}" for key, what_is in told.items() if getattr(spring, key) != 0]
         lost += [f"joint {_quoted(joint.name)} {' and '.join(what)}"] if what else []
     roles = {joint.role for joint in robot.joints}
-    if "passive" in roles and roles <= {"passive", "elastic"}:
+    lost += [f"loop {_quoted(loop.name)} is cut at a ball joint" for loop in robot.loops if loop.ball]
+    tree = all(loop.ball for loop in robot.loops)
+    if tree and "passive" in roles and roles <= {"passive", "elastic"}:
         lost.append("joints are passive, which is understood only where one joint at least is actuated")
     return lost
 
 
-def _rows(robot):
-    """(_FileRows, row of each named frame that is not that of a link at its own row)."""
-    rows, numbers = [], {robot.base_link: 0}
-    inertias = {link.name: link.inertia for link in robot.links}
-    for told in table(robot):
-        inertia = Inertia() if told.joint is None else inertias[told.name]
-        rows.append(_FileRow(numbers[told.antecedent], told.row, told.joint, inertia))
-        numbers[told.name] = len(rows)
-    frames = {}
-    for frame in robot.frames:
-        link = robot.links[frame.link].name
-        number = numbers[link]
-        if not np.array_equal(frame.placement, np.eye(4)):
-            for row in rows_of(frame.placement):
-                rows.append(_FileRow(number, row))
-                number = len(rows)
-        if (frame.name, number) != (link, numbers[link]):
-            frames[frame.name] = number
-    return rows, frames
+def _header(robot, file):
+    chain = all(row.antecedent == number for number, row in enumerate(file.rows))
+    kind = 2 if file.loops else 0 if chain else 1
+    sizes = [f"NL = {file.links}", f"NJ = {file.joints}", f"NF = {len(file.rows)}"]
+    return [*sizes, f"Type = {kind}", f"is_floating = {int(robot.moving_base)}", "is_mobile = 0"]
 
 
-def _header(robot, rows):
-    chain = all(row.antecedent == number for number, row in enumerate(rows))
-    sizes = [f"{key} = {len(rows)}" for key in ("NL", "NJ", "NF")]
-    return [*sizes, f"Type = {0 if chain else 1}", f"is_floating = {int(robot.moving_base)}", "is_mobile = 0"]
-
-
-def _names(robot, rows, frames):
+def _names(robot, file):
     told = {
         "Joints": [_quoted(joint.name) for joint in robot.joints],
         "Links": [_quoted(link.name) for link in robot.links],
-        "Frames": [f"{_quoted(name)} {row}" for name, row in frames.items()],
+        "Loops": [_quoted(loop.name) for loop in file.loops],
+        "Frames": [f"{_quoted(name)} {row}" for name, row in file.frames.items()],
     }
-    if not frames and len(rows) == len(robot.joints):
+    if not file.loops:
+        del told["Loops"]
+    if not file.frames and len(file.rows) == len(robot.joints):
         del told["Frames"]
     return [f"(* {kind} = {', '.join(names)} *)" for kind, names in told.items()]
 
@@ -171,7 +150,7 @@ def _variable(name, constant):
 
 
 def _dynamics(robot, rows):
-    bodies = [_FileRow(0, Row(), None, robot.links[0].inertia), *rows] if robot.moving_base else rows
+    bodies = [FileRow(0, Row(), None, robot.links[0].inertia), *rows] if robot.moving_base else rows
     told = {key.upper(): [body.inertia.second_moments[index] for body in bodies] for key, index in MOMENTS.items()}
     told |= {key: [body.inertia.first_moments[k] for body in bodies] for k, key in enumerate(("MX", "MY", "MZ"))}
     told["M"] = [body.inertia.mass for body in bodies]

@@ -109,6 +109,24 @@ k = {0,300,0}
 G = {0,0,-9.81}
 (* Frames = 'tool' 3 *)
 """
+PAR_LOOPS = """\
+NL = 4
+NJ = 6
+NF = 8
+ant = {0,1,0,3,4,2,2,3}
+sigma = {0,0,0,0,0,2,2,2}
+b = {0,0,0,0,0,0,0,0}
+d = {0,0.5,0,0.5,0.5,0,0.5,0.3}
+r = {0,0,0,0,0,0,0,0}
+gamma = {0,0,0,0,0,0,0,0}
+alpha = {0,0,0,0,0,pi/3,0,0}
+mu = {1,0,1,0,0,0,0,0}
+theta = {th1,th2,th3,th4,th5,0,0,0}
+M = {1,2,3,4}
+eta = {0,0,0,0,1,0}
+k = {0,0,0,0,30,0}
+(* Loops = 'knee', 'weld' *)
+"""
 WITH_URDF = """\
 roles: {slide: elastic}
 springs: {slide: {stiffness: 3}}
@@ -117,11 +135,18 @@ loops:
   - {joint: ball, type: spherical, moved: {antecedent: tool}, closed_on: {antecedent: base, xyz: [1, 0, 0]}}
 urdf: |
 """ + "".join(f"    {line}\n" for line in URDF.replace('<mimic joint="shoulder"/>', "").splitlines())
-TEXTS = {"URDF": URDF, "MDH table": MDH, "par": PAR, "loops": LOOPS, "URDF with loops": WITH_URDF}
+TEXTS = {
+    "URDF": URDF,
+    "MDH table": MDH,
+    "par": PAR,
+    "loops": LOOPS,
+    "URDF with loops": WITH_URDF,
+    "par with loops": PAR_LOOPS,
+}
 WORDS = """
 { } [ ] ( ) : , ' " - # &a *a !!int --- ... < > </ &amp; &#0; <!DOCTYPE_x> <!-- ]]> = (* *) | ? % @ ~ null nan inf -inf
 1e400 1e-400 1e200 0 -1 -0.0 3 99999999999999999999 pi/2 1/0 x \x00 \ufeff é 日 true no (((((((( 9^9^9^9 mimic joint
-link mass rpy= xyz loops: cut spherical role: passive sigma NL ant th1 1.0.0 0x10 1_000 + {} []
+link mass rpy= xyz loops: cut spherical role: passive sigma NL NJ ant th1 1.0.0 0x10 1_000 + {} []
 """
 TOKENS = [*WORDS.split(), "\n", "\t", " ", "\u2028", "\ud7ff"]
 NUMBERS = ["0", "1", "-1", "2", "1e-9", "1e9", "1e200", "-1e-320", "pi", "1.5708", "0.30000000000000004", "1e400", "7"]

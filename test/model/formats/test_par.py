@@ -199,8 +199,6 @@ BAD = {
     "type": (changed("Type = 0", "Type = tree"), "line 5: Type: .*'tree'"),
     "frames": (changed("NF = 4", "NF = 5"), "line 4: NF = 5: NF = 2 NJ - NL = 4"),
     "joints too few": (changed("NJ = 4", "NJ = 3"), "line 3: NJ = 3 joints cannot move"),
-    "loop": (changed("NJ = 4", "NJ = 5"), "line 3: .*joint 5 closes a loop.*not read yet"),
-    "loops": (changed("NJ = 4", "NJ = 6"), "line 3: .*joints 5 to 6 close loops.*not read yet"),
     "wheels": (changed("is_mobile = 0", "is_mobile = 1"), "line 7: .*wheels carry are not read yet"),
     "truth": (changed("is_mobile = 0", "is_mobile = no"), "line 7: is_mobile = 'no': 0 or 1"),
     "antecedent": (changed("{0,1,2,3}", "{0,2,2,3}"), "line 10: ant of row 2 is '2': 0 to 1, .*before"),
@@ -341,12 +339,6 @@ def test_the_rx90_is_its_table():
     upright = Dynamics(robot).link_pose("link_6", np.array([0, math.pi / 2, -math.pi / 2, 0, 0, 0]))
     np.testing.assert_allclose(upright[:3, 3], [0, 0, 0.9], atol=1e-14)  # upper arm and forearm, one above the other
     np.testing.assert_allclose(robot.links[3].inertia.first_moments[2], 0.1 + 0.01 * 50)  # MZ3
-
-
-@pytest.mark.parametrize("name", ["SR400", "AKR3000", "TwoLoops", "testLoop"])
-def test_closed_loops_are_refused_honestly(name):
-    with pytest.raises(DescriptionError, match=f"{name}, line 3: .* closed loops are not read yet"):
-        read_par(sample(name), source=name)
 
 
 def test_large_constant_beside_a_joint_variable_does_not_hide_it():

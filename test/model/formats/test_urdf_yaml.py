@@ -1,5 +1,8 @@
 """A URDF with a YAML beside it: the URDF's robot, with the loops, roles and springs that the YAML tells."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,8 +11,10 @@ from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
 from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.urdf_writer import write_urdf
 from robot_dynamics.model.library import read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames
+from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 
 BODY = """<inertial><origin xyz="0.1 0 0"/><mass value="1"/>
     <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>"""
@@ -118,6 +123,26 @@ def test_urdf_that_cannot_be_read_is_told_with_its_own_place(tmp_path):
     (tmp_path / "bars.urdf").mkdir()
     with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is no file"):
         load_robot(tmp_path / "bars.yaml")
+
+
+def test_examples_of_the_readme_are_the_same_robot_and_nearly_closed_where_they_begin(tmp_path):
+    text = (Path(__file__).parents[3] / "README.md").read_text()
+    table, beside = re.findall(r"```yaml\n(# four_bar\S*.yaml\n.*?)```", text, re.DOTALL)
+    robot = load_robot(table)
+    tree = load_robot(table.split("loops:")[0])
+    (tmp_path / "four_bar.urdf").write_text(write_urdf(tree, lossy=True))
+    (tmp_path / "four_bar.yaml").write_text(beside)
+    with_urdf = load_robot(tmp_path / "four_bar.yaml")
+    assert not robot.warnings and not with_urdf.warnings
+    for one in (robot, with_urdf):
+        placed = [np.eye(4)]
+        for joint in one.joints:
+            turn = placement(rotation_from_roll_pitch_yaw(0, 0, joint.initial_position))
+            placed.append(placed[joint.antecedent] @ joint.placement @ turn)
+        moved, closed_on = (placed[end.link] @ end.placement for end in one.loops[0].ends)
+        np.testing.assert_allclose(moved, closed_on, atol=0.01)
+    assert [joint.role for joint in with_urdf.joints] == [joint.role for joint in robot.joints]
+    assert [link.name for link in with_urdf.links] == [link.name for link in robot.links]
 
 
 MISTAKES = {
