@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics import Base
+from robot_dynamics import Base, Dynamics
 
 
 def numbers(values):
@@ -79,9 +79,20 @@ class States:
         return {name: wrench[k] for name, wrench in self.wrenches.items()}
 
 
+def limits_of(dynamics):
+    """(2, n): lower and upper limits of the joints of a Dynamics, within ±2 where there are none."""
+    limits = [dynamics.robot.joints[dynamics.robot.joint_numbers[name]].limits for name in dynamics.joint_names]
+    told = np.array([(limit.lower, limit.upper) for limit in limits]).T
+    return np.where(np.isfinite(told), told, [[-2.0], [2.0]])
+
+
 def random_states(robot, joints, count, seed):
+    """States; of a robot with loops q are positions of all joints, that close them, the driven ones within limits."""
     rng = np.random.default_rng([seed, 1])
     q, qd, qdd = rng.uniform(-2, 2, (3, count, joints))
+    if robot.loops:
+        dynamics = Dynamics(robot, compiled=False)
+        q = dynamics.expand(rng.uniform(*limits_of(dynamics), (count, joints)))
     base = None
     if robot.moving_base:
         pose = np.tile(np.eye(4), (count, 1, 1))
@@ -91,3 +102,12 @@ def random_states(robot, joints, count, seed):
     names = [frame.name for frame in robot.frames]
     loaded = rng.choice(names, size=min(3, len(names)), replace=False)
     return States(q, qd, qdd, base, {str(name): rng.uniform(-20, 20, (count, 6)) for name in loaded})
+
+
+def digits_left(inertia_matrix, forces, accelerations):
+    """The relative error that rounding the forces makes in accelerations: inertia may be small beside what they hold.
+
+    inertia_matrix: (..., n, n) of as many samples as the forces and accelerations (..., n).
+    """
+    stretch = np.linalg.norm(np.linalg.inv(inertia_matrix), 2, axis=(-2, -1)).max(initial=0)
+    return 1e-14 * stretch * np.abs(forces).max(initial=0) / max(np.abs(accelerations).max(initial=0), 1e-6)

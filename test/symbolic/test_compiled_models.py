@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 import pytest
-from peers.random_robots import random_states
+from peers.random_robots import digits_left, random_states
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, Inertia, QuestionError, SingularModelError, load_robot, shipped_robots
@@ -51,7 +51,9 @@ def check(robot, seed, samples=4, tolerance=1e-12):
             found = fast.inverse(states.q, states.qd, qdd, **question)
             assert error(found, efforts) < tolerance * (condition if solved else 1)
             expected = core.direct(states.q, states.qd, efforts, **question)
-            assert error(fast.direct(states.q, states.qd, efforts, **question), expected) < tolerance * condition
+            lost = digits_left(core.inertia_matrix(states.q), efforts, expected)
+            found = fast.direct(states.q, states.qd, efforts, **question)
+            assert error(found, expected) < max(tolerance * condition, lost)
             assert len(fast._programs._programs) == 2
     fast = compiled(robot, *((model, None, {}) for model in ("inertia_matrix", "gravity", "coriolis")))
     assert error(fast.inertia_matrix(states.q), core.inertia_matrix(states.q)) < tolerance

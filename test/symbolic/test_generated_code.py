@@ -7,7 +7,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from peers.random_robots import random_states
+from peers.random_robots import digits_left, random_states
 from peers.real_robots import REAL_ROBOTS, real_urdf
 
 from robot_dynamics import Base, Dynamics, load_robot, shipped_robots
@@ -88,9 +88,7 @@ def test_generated_python_and_c_agree_with_the_recursions(name, tmp_path):
                 tolerance *= max(1, np.linalg.cond(dynamics.inertia_matrix(q)) / 1e3)
             if model is direct_model:
                 given, result = expected.efforts, expected.accelerations
-                # efforts are rounded: what is small beside them, as inertia beside friction, gets fewer digits
-                stretch = np.linalg.norm(np.linalg.inv(dynamics.inertia_matrix(q)), 2)
-                tolerance = 1e-14 * max(100, stretch * np.abs(given).max() / np.abs(result).max())
+                tolerance = max(1e-12, digits_left(dynamics.inertia_matrix(q), given, result))
             found = [code(q, qd, given, *moving) for code in codes]
             for mine in found:
                 assert error(mine[0], result) < tolerance

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from peers.random_robots import random_states, random_urdf
+from peers.random_robots import digits_left, random_states, random_urdf
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, Spring, load_robot, shipped_robots
@@ -83,7 +83,8 @@ def check(robot, seed, samples=3, tolerance=1e-12):
                 assert not results
                 pushed = dynamics.solve(q, qd, efforts=expected.efforts, base=base, external_wrenches=wrenches)
                 results = as_list(direct(q, qd, expected.efforts, *arguments))
-                assert error(results[0], pushed.accelerations) < tolerance * condition
+                lost = digits_left(dynamics.inertia_matrix(q), expected.efforts, pushed.accelerations)
+                assert error(results[0], pushed.accelerations) < max(tolerance * condition, lost)
                 if robot.moving_base and not is_told:
                     assert error(results[1], pushed.base_acceleration) < tolerance * condition
     check_terms(robot, dynamics, states, samples, tolerance)
@@ -95,7 +96,6 @@ def as_list(results):
 
 
 def check_terms(robot, dynamics, states, samples, tolerance):
-    count = len(dynamics.joint_names)
     A, gravity, coriolis = (
         python_function(model(robot))
         for model in (models.inertia_matrix_model, models.gravity_model, models.coriolis_model)
@@ -113,7 +113,6 @@ def check_terms(robot, dynamics, states, samples, tolerance):
         assert error(coriolis(q, qd, *moving[0]), dynamics.coriolis(q, qd, base=base)) < tolerance
         expected = dynamics.link_pose(frame, q, base=Base() if robot.moving_base else None)
         assert error(np.array(pose(q)).reshape(4, 4), expected) < tolerance
-    assert count == len(states.q[0])
 
 
 @pytest.mark.parametrize("name", shipped_robots())

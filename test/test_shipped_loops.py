@@ -1,0 +1,259 @@
+"""Robots with loops that ship: they close wherever their limits let them go, as relations in closed form say, and move
+as their sources print it, and as multipliers on maximal coordinates have it."""
+
+import numpy as np
+import pytest
+from peers.loop_states import loop_gaps
+from peers.maximal_coordinates import MaximalCoordinates
+from peers.random_robots import limits_of
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.newton_euler.loops import loop_equations
+
+LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
+
+
+def within_limits(dynamics, samples):
+    return np.random.default_rng(0).uniform(*limits_of(dynamics), (samples, len(dynamics.joint_names)))
+
+
+def joints(dynamics, values, names):
+    return values[..., [dynamics.all_joint_names.index(name) for name in names.split()]]
+
+
+def test_a_robot_of_each_kind_ships():
+    assert {"sr400", "irb460", "four_bar", "five_bar", "bricard", "andrews_squeezer"} <= set(LOOPED)
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_loops_close_far_from_singular_everywhere_within_the_limits(name):
+    robot = load_robot(name, strict=True)
+    dynamics = Dynamics(robot)
+    q = dynamics.expand(within_limits(dynamics, 1000))
+    equations = loop_equations(robot, q)
+    assert np.abs(equations.residual).max() < 1e-11
+    dependent = [robot.joint_numbers[name] for name in dynamics.looped_joint_names]
+    assert np.linalg.cond(equations.jacobian[..., dependent]).max() < 1e3
+    assert max(np.abs(loop_gaps(robot, sample)).max() for sample in q[:20]) < 1e-11
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_initial_positions_are_closed_and_within_the_limits(name):
+    robot = load_robot(name)
+    dynamics = Dynamics(robot)
+    begin = np.array([joint.initial_position for joint in robot.joints])
+    q = joints(dynamics, begin, " ".join(dynamics.joint_names))
+    lower, upper = limits_of(dynamics)
+    assert np.all((lower <= q) & (q <= upper))
+    np.testing.assert_allclose(dynamics.expand(q), begin, atol=0.01)
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_both_models_agree_with_multipliers_on_maximal_coordinates(name):
+    robot = load_robot(name)
+    dynamics, peer = Dynamics(robot, compiled=False), MaximalCoordinates(robot)
+    independent = [robot.joint_numbers[name] for name in dynamics.joint_names]
+    rng, count = np.random.default_rng(1), len(independent)
+    for q in within_limits(dynamics, 10):
+        qd, qdd = rng.uniform(-2, 2, (2, count))
+        positions = dynamics.expand(q)
+        everyone = positions, dynamics.expand_rates(qd, positions)
+        told = np.full(len(positions), np.nan)
+        told[independent] = qdd
+        answer = dynamics.solve(positions, qd, qdd=qdd)
+        found = peer.inverse(*everyone, told)
+        scale = np.abs(answer.efforts).max()
+        np.testing.assert_allclose(answer.efforts, found.efforts[independent], rtol=1e-8, atol=1e-8 * scale)
+        pushed = peer.direct(*everyone, found.efforts)
+        found = dynamics.direct(positions, qd, answer.efforts)
+        np.testing.assert_allclose(found, pushed.accelerations[independent], rtol=1e-8, atol=1e-8)
+
+
+def test_sr400_closes_as_its_table_says():
+    """theta3 = pi/2 - theta2 + theta7, theta8 = theta2 - theta7, theta9 = pi - theta2 + theta7, by hand."""
+    dynamics = Dynamics(load_robot("sr400"))
+    q = dynamics.expand(within_limits(dynamics, 1000))
+    theta2, theta7 = joints(dynamics, q, "joint_2 joint_7").T
+    expected = np.stack([np.pi / 2 - theta2 + theta7, theta2 - theta7, np.pi - theta2 + theta7], axis=-1)
+    np.testing.assert_allclose(joints(dynamics, q, "joint_3 joint_8 joint_9"), expected, rtol=0, atol=1e-12)
+    rates = dynamics.expand_rates([0, 1, 0, 0, 0, 3], q)
+    np.testing.assert_allclose(
+        joints(dynamics, rates, "joint_3 joint_8 joint_9"), np.tile([2, -2, 2], (1000, 1)), rtol=0, atol=1e-12
+    )
+
+
+def test_irb460_keeps_its_wrist_level_and_its_passive_joints_are_linear():
+    dynamics = Dynamics(load_robot("irb460"))
+    q = dynamics.expand(within_limits(dynamics, 1000))
+    arm, crank = joints(dynamics, q, "joint_2 joint_3").T
+    for names, expected in {
+        "elbow drive_pin": crank - arm,
+        "drive_rod": arm - crank,
+        "lower_rod": arm,
+        "triangle lower_pin": -arm,
+        "upper_rod": crank,
+        "wrist upper_pin": -crank,
+    }.items():
+        for name in names.split():
+            np.testing.assert_allclose(joints(dynamics, q, name)[:, 0], expected, rtol=0, atol=1e-12)
+    flange = dynamics.link_pose("flange", q)
+    np.testing.assert_allclose(flange[:, :3, 2], np.tile([0, 0, -1], (1000, 1)), rtol=0, atol=1e-12)
+    reach = 0.26 + 0.945 * np.sin(arm) + 1.025 * np.cos(crank) + 0.225
+    np.testing.assert_allclose(np.hypot(flange[:, 0, 3], flange[:, 1, 3]), reach, rtol=0, atol=1e-12)
+
+
+def test_bricard_closes_as_threefold_symmetric_linkages_do():
+    """cos φ + cos ψ + cos φ cos ψ = 0 for the angles between rods at joints next to each other: what is known of such
+    linkages in closed form, where each axis is normal to the next."""
+    dynamics = Dynamics(load_robot("bricard"))
+    q = dynamics.expand(within_limits(dynamics, 1000))
+    np.testing.assert_allclose(q[:, 2::2] - q[:, :1], 0, atol=1e-12)
+    np.testing.assert_allclose(q[:, 3::2] - q[:, 1:2], 0, atol=1e-12)
+    phi, psi = np.cos(q[:, 0] - np.pi / 2), np.cos(q[:, 1] - np.pi / 2)
+    np.testing.assert_allclose(phi + psi + phi * psi, 0, atol=1e-12)
+
+
+def test_bricard_falls_as_exudyn_has_it():
+    """Let go for 1 s. Exudyn's test of the same mechanism (TestModels/bricardMechanism.py) expects 4.172189649307425
+    after 1000 steps: the length of all displacements of its bodies' origins and Euler parameters, and the number of
+    degrees of freedom, that of redundant equations and an eigenvalue, taken to be 1, 1 and 0 here. Rods thicker by 1 %
+    would change it by 7e-5."""
+    dynamics = Dynamics(load_robot("bricard"))
+    motion = solve_ivp(
+        lambda _, x: [x[1], dynamics.direct(x[:1], x[1:], [0])[0]], (0, 1), [0, 0], "DOP853", rtol=1e-9, atol=1e-9
+    )
+    displaced = []
+    for number, edge in enumerate(EDGES, start=1):
+        before, after = (dynamics.link_pose(f"rod_{number}", [q]) for q in (0.0, motion.y[0, -1]))
+        displaced.append(after[:3, 3] - before[:3, 3])
+        turned = in_benchmark(after) * in_benchmark(before).inv() * edge
+        parameters = turned.as_quat() * np.sign(turned.as_quat() @ edge.as_quat())
+        displaced.append(parameters - edge.as_quat())
+    assert np.linalg.norm(np.concatenate(displaced)) == pytest.approx(4.172189649307425 - 2, abs=5e-6)
+
+
+# the orientations in which Exudyn's rods begin, told in the axes of the benchmark, whose y points upwards
+EDGES = [Rotation.from_euler(axis, angle, degrees=True)
+         for axis, angle in (("z", 0), ("z", -90), ("y", -90), ("z", 180), ("z", 90))]  # fmt: skip
+
+
+def in_benchmark(pose):
+    return Rotation.from_matrix(np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]]) @ pose[:3, :3])
+
+
+SQUEEZER = "beta theta gamma phi delta omega epsilon"
+
+
+def spring_of_the_squeezer(dynamics, q):
+    """What the spring of Andrews' mechanism does to the frame `spring`, in its axes."""
+    pose = dynamics.link_pose("spring", q)
+    way = np.array([0.014, 0.072, 0]) - pose[:3, 3]
+    force = 4530 * (1 - 0.07785 / np.linalg.norm(way)) * way
+    return {"spring": [*(pose[:3, :3].T @ force), 0, 0, 0]}
+
+
+def squeezed(dynamics, q, qd):
+    """The Answer of Andrews' mechanism, driven by its motor and its spring."""
+    q = dynamics.expand(q)
+    return dynamics.solve(q, qd, efforts=[0.033], external_wrenches=spring_of_the_squeezer(dynamics, q))
+
+
+def test_squeezer_begins_as_published():
+    """Initial positions and accelerations printed in the Test Set for IVP Solvers, problem Andrews."""
+    dynamics = Dynamics(load_robot("andrews_squeezer"))
+    answer = squeezed(dynamics, [-0.0617138900142764496], [0])
+    published = [-0.0617138900142764496, 0, 0.455279819163070380, 0.222668390165885885, 0.487364979543842550,
+                 -0.222668390165885885, 1.23054744454982119]  # fmt: skip
+    np.testing.assert_allclose(joints(dynamics, answer.motion.positions, SQUEEZER), published, rtol=0, atol=1e-14)
+    published = [14222.4439199541138706, -10666.8329399655854, 0, 0, 0, 0, 0]
+    np.testing.assert_allclose(
+        joints(dynamics, answer.motion.accelerations, SQUEEZER), published, rtol=1e-12, atol=1e-7
+    )
+
+
+def test_squeezer_moves_as_published():
+    """Its state at 0.03 s, after two and a half turns, as printed in the Test Set for IVP Solvers, problem Andrews."""
+    dynamics = Dynamics(load_robot("andrews_squeezer"))
+
+    def direct(_, x):
+        q = dynamics.expand(x[:1])
+        wrench = spring_of_the_squeezer(dynamics, q)
+        return [x[1], dynamics.direct(q, x[1:], [0.033], external_wrenches=wrench)[0]]
+
+    start = [-0.0617138900142764496, 0]
+    beta, rate = solve_ivp(direct, (0, 0.03), start, "DOP853", rtol=1e-9, atol=1e-9).y[:, -1]
+    motion = squeezed(dynamics, [beta], [rate]).motion
+    published = [0.1581077119629904e2, -0.1575637105984298e2, 0.4082224013073101e-1, -0.5347301163226948,
+                 0.5244099658805304, 0.5347301163226948, 0.1048080741042263e1]  # fmt: skip
+    turns = (joints(dynamics, motion.positions, SQUEEZER) - published) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-7)
+    published = [0.1139920302151208e4, -0.1424379294994111e4, 0.1103291221937134e2, 0.1929337464421385e2,
+                 0.5735699284790808, -0.1929337464421385e2, 0.3231791658026955]  # fmt: skip
+    np.testing.assert_allclose(joints(dynamics, motion.velocities, SQUEEZER), published, rtol=1e-6)
+    published = [-0.2463176316945196e5, 0.5185037701610329e5, 0.3241025686413781e6, 0.5667493645176213e6,
+                 0.1674362929479361e5, -0.5667493645176222e6, 0.9826520791458422e4]  # fmt: skip
+    np.testing.assert_allclose(joints(dynamics, motion.accelerations, SQUEEZER), published, rtol=1e-4)
+
+
+def natural_accelerations(points, rates, bars, pushes):
+    """Accelerations (p, 2) of the points of a linkage of thin bars, in natural coordinates as its source has it.
+
+    points, rates: (p, 2) x and z, the first and the last fixed; bars: (point, point, mass); pushes: {point: force}.
+    """
+    count = len(points)
+    M, forces, rows, right = np.zeros((count, count)), np.zeros((count, 2)), [], []
+    for i, j, mass in bars:
+        M[np.ix_([i, j], [i, j])] += mass / 6 * np.array([[2, 1], [1, 2]])
+        forces[[i, j], 1] -= mass * 9.81 / 2
+        row = np.zeros((count, 2))
+        row[i], row[j] = points[i] - points[j], points[j] - points[i]
+        rows.append(row.ravel())
+        right.append(-np.sum((rates[i] - rates[j]) ** 2))
+    for fixed in (0, count - 1):
+        for axis in range(2):
+            row = np.zeros((count, 2))
+            row[fixed, axis] = 1
+            rows.append(row.ravel())
+            right.append(0.0)
+    for point, force in pushes.items():
+        forces[point] += force
+    J, M = np.array(rows), np.kron(M, np.eye(2))
+    system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
+    return np.linalg.solve(system, [*forces.ravel(), *right])[: 2 * count].reshape(count, 2)
+
+
+LINKAGES = {  # frames whose origins the points are, with a place along x; the bars between them, by mass; the cranks
+    "four_bar": (("crank", 0), ("crank", 2), ("rocker", 5), ("rocker", 0)),
+    "five_bar": (("left_crank", 0), ("left_crank", 0.5), ("tool", 0), ("right_crank", 0.5), ("right_crank", 0)),
+}
+MASSES = {"four_bar": (2, 8, 5), "five_bar": (3, 1, 2, 3)}
+
+
+@pytest.mark.parametrize("name", LINKAGES)
+def test_linkages_accelerate_as_in_natural_coordinates(name):
+    """Point masses and distances, as MBDE-MATLAB has them: no angle of a passive joint is in it."""
+    dynamics = Dynamics(load_robot(name))
+    count = len(dynamics.joint_names)
+    bars = [(k, k + 1, mass) for k, mass in enumerate(MASSES[name])]
+    cranks = [(0, 1), (len(bars), len(bars) - 1)][:count]
+
+    def places(q):
+        told = [(dynamics.link_pose(frame, q), x) for frame, x in LINKAGES[name]]
+        return np.array([(pose[:3, 3] + x * pose[:3, 0])[[0, 2]] for pose, x in told])
+
+    rng = np.random.default_rng(2)
+    for q in within_limits(dynamics, 10):
+        qd, efforts = rng.uniform(-2, 2, count), rng.uniform(-50, 50, count)
+        points, h = places(q), 1e-4
+        rates = (
+            (8 * (places(q + h * qd) - places(q - h * qd)) - places(q + 2 * h * qd) + places(q - 2 * h * qd)) / 12 / h
+        )
+        arms = [points[end] - points[pivot] for pivot, end in cranks]
+        pushes = {end: effort * np.array([-arm[1], arm[0]]) / (arm @ arm)
+                  for (_, end), effort, arm in zip(cranks, efforts, arms, strict=True)}  # fmt: skip
+        found = natural_accelerations(points, rates, bars, pushes)
+        turning = [(arm[0] * a[1] - arm[1] * a[0]) / (arm @ arm)
+                   for arm, a in zip(arms, (found[end] for _, end in cranks), strict=True)]  # fmt: skip
+        np.testing.assert_allclose(dynamics.direct(q, qd, efforts), turning, rtol=1e-8, atol=1e-8)
