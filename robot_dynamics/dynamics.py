@@ -28,7 +28,7 @@ from robot_dynamics.newton_euler.regressor import parameter_names, parameters, r
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
-from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels
+from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels, models_of
 from robot_dynamics.symbolic.questions import answered
 
 __all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
@@ -156,7 +156,7 @@ class Dynamics:
             raise QuestionError(f"{self.robot.name!r} has no joints: there is nothing to compile")
         if model not in MODELS:
             raise QuestionError(unknown_name("model", model, MODELS))
-        if model == "closure" and not self.robot.loops:
+        if model not in models_of(self.robot):
             raise QuestionError(f"{self.robot.name!r} has no loops that could be closed")
         for name in wrenches:
             self.robot.frame(name)

@@ -5,7 +5,7 @@ Every binary addition, subtraction, multiplication and division counts, squares 
 
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
 from robot_dynamics.commands.text_table import print_table
-from robot_dynamics.symbolic.compiled_models import MODELS
+from robot_dynamics.symbolic.compiled_models import models_of
 
 NAME = "count"
 
@@ -17,7 +17,7 @@ def add_arguments(parser):
 def run(told):
     robot = robot_of(told)
     rows = []
-    for name, model in MODELS.items():
+    for name, model in models_of(robot).items():
         operations = model(robot).operations
         others = operations.trigonometric, operations.square_roots, operations.signs
         rows.append([name, operations.multiplications, operations.additions, operations.divisions, *others])

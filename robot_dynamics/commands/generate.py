@@ -11,7 +11,7 @@ from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_o
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.symbolic.c_code import c_name, c_source
-from robot_dynamics.symbolic.compiled_models import MODELS
+from robot_dynamics.symbolic.compiled_models import MODELS, models_of
 from robot_dynamics.symbolic.models import pose_model
 from robot_dynamics.symbolic.python_source import python_source
 
@@ -60,5 +60,7 @@ def _program(told, robot):
         raise DescriptionError(f"--wrench has a meaning for inverse and direct, not for {told.model}")
     for link in told.wrench:
         robot.frame(link)
+    if told.model not in models_of(robot):
+        raise DescriptionError(f"{robot.name!r} has no loops: it has the models {', '.join(models_of(robot))}")
     options = {"wrenches": told.wrench} if told.model in ("inverse", "direct") else {}
     return MODELS[told.model](robot, **options)

@@ -181,12 +181,16 @@ class Coupling:
         return np.array([unit if self.robot.joints[self.free[k]].prismatic else 1.0 for k in places])
 
     def _without_turns(self, q):
-        """q with the whole turns taken off by which revolute joints are away from the configuration that is known."""
+        """q with the whole turns taken off by which revolute joints are away from the configuration that is known; not
+        where both are within their limits, which tell which way round leads there."""
         known, turning = self.closed[self.chosen], [not joint.prismatic for joint in self.robot.joints]
         moved = [self.S[:, k] != 0 for k in self.chosen]  # with those that follow it a joint comes back to where it was
-        back = [np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
-                for k, rows in zip(self.chosen, moved, strict=True)]  # fmt: skip
-        return q - np.where(back, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
+        back = np.array([np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
+                for k, rows in zip(self.chosen, moved, strict=True)], dtype=bool)  # fmt: skip
+        limits = [self.robot.joints[number].limits for number in self.independent]
+        lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).reshape(-1, 2).T
+        inside = np.isfinite(upper - lower) & (lower <= q) & (q <= upper) & (lower <= known) & (known <= upper)
+        return q - np.where(back & ~inside, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
 
 
 def coupling(robot):

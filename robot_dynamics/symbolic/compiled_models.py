@@ -25,8 +25,14 @@ MODELS = {
     "regressor": models.regressor_model,
     "closure": models.closure_model,
 }
+OF_LOOPS = ("closure",)  # models that only a robot with loops has
 PATIENCE = 0.05  # seconds that a model is computed by the recursions before it is worth compiling
 MOST_PROGRAMS = 24  # of one robot: questions with ever other wrenches do not fill the memory
+
+
+def models_of(robot):
+    """Those of MODELS that a robot has."""
+    return {name: model for name, model in MODELS.items() if robot.loops or name not in OF_LOOPS}
 
 
 class PythonProgram:

@@ -176,6 +176,6 @@ def test_a_recursion_that_changed_is_not_answered_with_an_old_program(tmp_path, 
     assert len(list(folder.iterdir())) == entries
     changed = package / "symbolic" / "models.py"
     text = changed.read_text()
-    assert text.count("(forces + model.lost_everywhere) @ model.S") == 1
-    changed.write_text(text.replace("(forces + model.lost_everywhere) @ model.S", "2 * forces @ model.S"))
+    assert text.count("model.gathered(forces + model.lost_everywhere)") == 1
+    changed.write_text(text.replace("gathered(forces + model.lost_everywhere)", "gathered(2 * forces)"))
     assert answer() == pytest.approx(2 * expected, rel=1e-9)
