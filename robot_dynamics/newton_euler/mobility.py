@@ -40,11 +40,17 @@ def mobility(robot, S, offset, free):
     found = _closed_configurations(robot, S, offset, free, looped)
     jacobians = [loop_equations(robot, S @ t + offset).jacobian @ S for t in found]
     ranks = [np.linalg.matrix_rank(J, tol=RANK * np.linalg.norm(J, 2)) for J in jacobians]
-    best = []
+    best, refused = [], None
     for t, J, rank in zip(found, jacobians, ranks, strict=True):
         if rank == max(ranks):
-            dependent = _dependent(robot, free, looped, J, rank)
+            try:
+                dependent = _dependent(robot, free, looped, J, rank)
+            except DescriptionError as error:  # which may be so at this configuration alone
+                refused = refused or error
+                continue
             best.append((np.linalg.cond(J[:, dependent]) if len(dependent) else 1.0, t, dependent))
+    if not best:
+        raise refused
     condition, t, dependent = next(
         (one for one in best if one[0] < WELL_CONDITIONED), min(best, key=lambda one: one[0])
     )

@@ -1,0 +1,138 @@
+"""Which joints of a robot with loops are free: the mobility is found, and motors that do not fit it are refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from peers.five_bar import random_five_bar
+from peers.four_bar import random_four_bar
+from peers.loop_states import mobility
+from peers.random_loops import random_loops
+
+from robot_dynamics import DescriptionError, Dynamics, SingularModelError, load_robot
+from robot_dynamics.model.joint import Mimic, Spring
+from robot_dynamics.model.loop import End, Loop
+from robot_dynamics.model.placement import placement
+
+
+def with_joint(robot, name, **changes):
+    joints = [replace(joint, **changes) if joint.name == name else joint for joint in robot.joints]
+    return replace(robot, joints=tuple(joints))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_independent_joints_are_as_many_as_the_mobility_by_an_own_rank(seed):
+    looped = random_loops(seed)
+    dynamics = Dynamics(looped.robot, compiled=False)
+    assert len(dynamics.joint_names) == mobility(looped.robot, looped.q)
+    assert sorted(dynamics.looped_joint_names) == sorted(looped.robot.joints[k].name for k in looped.dependents)
+
+
+def test_a_passive_joint_named_active_is_one_motor_too_many():
+    robot = with_joint(load_robot("four_bar"), "coupler", actuated=True)
+    with pytest.raises(DescriptionError, match=r"mobility 1 and 2 motors: 'crank', 'coupler' cannot move independent"):
+        Dynamics(robot)
+
+
+def test_a_motor_too_few_is_told_with_the_mobility():
+    robot = with_joint(load_robot("five_bar"), "right_crank", actuated=False)
+    with pytest.raises(DescriptionError, match=r"mobility 2 and 1 motors: with 'left_crank' held, passive joints can"):
+        Dynamics(robot)
+
+
+def test_no_motor_at_all_is_told():
+    robot = with_joint(load_robot("four_bar"), "crank", actuated=False)
+    with pytest.raises(DescriptionError, match=r"mobility 1 and 0 motors: with no joint held"):
+        Dynamics(robot)
+
+
+def test_as_many_motors_as_the_mobility_may_still_depend_on_each_other():
+    """Both motors of the palletiser's arm in one loop, none in another."""
+    robot = load_robot("five_bar")
+    tree = Dynamics(replace(robot, loops=()), compiled=False)
+    assert len(tree.joint_names) == 5
+    for pair in (("left_rod", "apex"), ("left_crank", "left_rod"), ("right_rod", "apex")):
+        other = replace(robot, joints=tuple(replace(joint, actuated=joint.name in pair) for joint in robot.joints))
+        assert set(Dynamics(other).joint_names) == set(pair)
+    squeezer = load_robot("andrews_squeezer")
+    with pytest.raises(DescriptionError, match="mobility 1 and 2 motors"):
+        Dynamics(with_joint(squeezer, "omega", actuated=True))
+
+
+def test_an_elastic_joint_is_a_degree_of_freedom_where_motors_leave_one():
+    robot = with_joint(load_robot("five_bar"), "right_crank", actuated=False, spring=Spring(100.0, rest=np.pi))
+    dynamics = Dynamics(robot)
+    assert dynamics.joint_names == ("left_crank", "right_crank")
+    assert dynamics.undriven_joint_names == ("right_crank",)
+
+
+@pytest.mark.parametrize("make", [random_four_bar, random_five_bar])
+def test_springs_in_joints_that_motors_place_are_no_degrees_of_freedom(make):
+    linkage = make(2, springs=True)
+    robot = linkage.robot(linkage.independent)
+    names = tuple(robot.joints[number].name for number in linkage.independent)
+    assert Dynamics(robot).joint_names == names
+
+
+def test_a_loop_that_cannot_close_names_itself_and_what_is_left_open():
+    robot = load_robot("four_bar")
+    loop = robot.loops[0]
+    far = End(loop.closed_on.link, placement(translation=(50.0, 0.0, 0.0)))
+    with pytest.raises(DescriptionError, match=rf"of loop '{loop.name}' the ends stay [0-9.]+ m and [0-9.]+ rad apart"):
+        Dynamics(replace(robot, loops=(replace(loop, closed_on=far),)))
+
+
+def test_axes_that_are_meant_to_be_parallel_are_pointed_out():
+    """A URDF's 1.5708 for pi/2: the ends of a planar loop miss each other by some micrometres."""
+    robot = load_robot("four_bar")
+    joint = robot.joints[robot.joint_numbers["rocker"]]
+    tilt = np.eye(4)
+    tilt[1:3, 1:3] = [[np.cos(4e-6), -np.sin(4e-6)], [np.sin(4e-6), np.cos(4e-6)]]
+    with pytest.raises(DescriptionError, match="parallel must be so to the last digit"):
+        Dynamics(with_joint(robot, "rocker", placement=joint.placement @ tilt))
+
+
+def test_positions_out_of_reach_name_the_loop_the_gap_and_the_condition():
+    robot = load_robot("four_bar")
+    lengths = {joint.name: joint for joint in robot.joints}
+    short = placement(translation=(0.5 * np.linalg.norm(lengths["coupler"].placement[:3, 3]), 0, 0))
+    shorter = replace(robot, loops=tuple(replace(loop, closed_on=End(loop.closed_on.link,
+        loop.closed_on.placement @ short)) for loop in robot.loops))  # fmt: skip
+    dynamics = Dynamics(shorter)
+    wrong = None
+    for angle in np.linspace(-np.pi, np.pi, 40):
+        try:
+            dynamics.expand([angle])
+        except SingularModelError as error:
+            wrong = str(error)
+    if wrong is not None:
+        assert f"loop {robot.loops[0].name!r}" in wrong and "condition number" in wrong
+
+
+def test_the_dead_centre_of_a_parallelogram_is_singular_and_tells_its_condition():
+    """All four links on one line: whether it goes on as a parallelogram or crossed nothing tells."""
+    linkage = replace(random_four_bar(1), crank=0.3, coupler=0.8, rocker=0.3, ground=0.8)
+    dynamics = Dynamics(linkage.robot((1.0,)))
+    with pytest.raises(SingularModelError, match=r"loop '[a-z_]+' is singular.*condition number [0-9.e+]+"):
+        dynamics.inverse([0.0, 0.0, 0.0, 0.0], [1.0], [0.0])
+
+
+def test_a_follower_of_a_joint_in_a_loop_moves_with_it():
+    robot = load_robot("five_bar")
+    first = robot.joints[0]
+    gear = with_joint(robot, "right_crank", mimic=Mimic(first.name, -1.0, np.pi))
+    dynamics = Dynamics(gear)
+    assert dynamics.joint_names == ("left_crank",)
+    q = dynamics.expand([0.2])
+    assert q[dynamics.all_joint_names.index("right_crank")] == pytest.approx(np.pi - 0.2, abs=1e-12)
+
+
+def test_two_loops_of_one_name_and_ends_that_are_nowhere_are_refused():
+    robot = load_robot("four_bar")
+    loop = robot.loops[0]
+    with pytest.raises(DescriptionError, match="more than once"):
+        replace(robot, loops=(loop, loop))
+    with pytest.raises(DescriptionError, match="on link 17"):
+        replace(robot, loops=(Loop("other", End(17, np.eye(4)), End(0, np.eye(4))),))
+    with pytest.raises(DescriptionError, match="closes nothing"):
+        replace(robot, loops=(Loop("other", End(1, np.eye(4)), End(1, np.eye(4))),))
