@@ -1,6 +1,8 @@
 """Robots with loops that ship: they close wherever their limits let them go, as relations in closed form say, and move
 as their sources print it, and as multipliers on maximal coordinates have it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers.loop_states import loop_gaps
@@ -10,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.model.joint import Spring
 from robot_dynamics.newton_euler.loops import loop_equations
 
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
@@ -257,3 +260,54 @@ def test_linkages_accelerate_as_in_natural_coordinates(name):
         turning = [(arm[0] * a[1] - arm[1] * a[0]) / (arm @ arm)
                    for arm, a in zip(arms, (found[end] for _, end in cranks), strict=True)]  # fmt: skip
         np.testing.assert_allclose(dynamics.direct(q, qd, efforts), turning, rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_power_is_accounted_for_along_a_trajectory(name):
+    """d/dt (kinetic + potential + elastic) = motors + wrench - dissipation, to 1e-7 of the peak power; with friction
+    and springs in all joints, passive ones too, and a wrench on the last body."""
+    robot = load_robot(name)
+    unit = sum(link.inertia.mass for link in robot.links) * robot.characteristic_length**2
+    drives = {"viscous_friction": 2 * unit, "coulomb_friction": unit}
+    joints = [
+        replace(joint, **drives, spring=Spring(5 * unit, 0.1, unit), initial_position=joint.initial_position)
+        for joint in robot.joints
+    ]
+    robot = replace(robot, joints=tuple(joints))
+    dynamics, peer = Dynamics(robot), MaximalCoordinates(robot)
+    lower, upper = limits_of(dynamics)
+    middle, reach = (lower + upper) / 2, (upper - lower) / 8
+    phases = np.arange(len(middle))
+    carrier = max(k for k, link in enumerate(robot.links) if link.inertia.mass > 0)
+    wrench = unit * np.array([3.0, -2, 4, 1, 2, -1])
+
+    def state(t):
+        q = middle + reach * np.sin(t + phases)
+        qd, qdd = reach * np.cos(t + phases), -reach * np.sin(t + phases)
+        everyone = dynamics.expand(q)
+        return everyone, dynamics.expand_rates(qd, everyone), qd, qdd
+
+    def energy(t):
+        q, rates, *_ = state(t)
+        return peer.energy(q, rates)
+
+    h, weights = 4e-3, {4: -1 / 280, 3: 4 / 105, 2: -1 / 5, 1: 4 / 5}
+    terms = []
+    for t in np.linspace(0.1, 6.1, 12):
+        q, rates, qd, qdd = state(t)
+        if np.any(np.sign(state(t - 5 * h)[1]) != np.sign(state(t + 5 * h)[1])):
+            continue  # a joint turns round: dry friction is not smooth over the difference
+        efforts = dynamics.inverse(q, qd, qdd, external_wrenches={robot.links[carrier].name: wrench})
+        stored = sum(w * (sum(energy(t + k * h)[:3]) - sum(energy(t - k * h)[:3])) for k, w in weights.items()) / h
+        in_frame = {carrier: wrench_in_frame(robot, carrier, wrench)}
+        terms.append([stored, -efforts @ qd, -peer.power_of_wrenches(q, rates, in_frame), energy(t).dissipation])
+    terms = np.array(terms)
+    assert len(terms) > 5 and np.all(np.abs(terms).max(axis=0) > 0)
+    assert np.abs(terms.sum(axis=1)).max() < 1e-7 * np.abs(terms).max()
+
+
+def wrench_in_frame(robot, number, wrench):
+    """A wrench told in the frame of a link's name, in frame j of the link at its origin."""
+    T = robot.frame(robot.links[number].name).placement
+    force, torque = T[:3, :3] @ wrench[:3], T[:3, :3] @ wrench[3:]
+    return np.concatenate([force, torque + np.cross(T[:3, 3], force)])
