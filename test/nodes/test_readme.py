@@ -102,7 +102,8 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
     [
         ("Dynamics, Inertia", "panda_joint7"),
         ("Base", "(7, 6)"),
-        ("Dynamics, load_robot\n", "'spring_3'"),
+        ("Dynamics, load_robot\n\n", "'spring_3'"),
+        ("Dynamics, load_robot\nfrom robot_dynamics.ident", "37 base parameters"),
         ("load_robot, Dynamics\n", "(100000, 7) 314 × / 289 +"),
     ],
 )
