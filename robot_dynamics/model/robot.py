@@ -15,6 +15,7 @@ from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, check_joint, check_placement, doubtful_limits
 from robot_dynamics.model.loop import Loop, check_loop
+from robot_dynamics.model.platform import Platform, check_platform
 
 EARTH = (0.0, 0.0, -9.81)
 MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
@@ -44,7 +45,7 @@ class Robot:
     links: n + 1 of them, the base first; joints: n, joints[j - 1] moves links[j]; frames: every link of the
     description, those that are fixed to another one too; moving_base: whether nothing holds link 0; gravity: (3,)
     [m/s²], in the world, which is the frame of the base where the base is fixed; loops: the pairs of frames that
-    coincide, none in a tree.
+    coincide, none in a tree; platform: the Platform of a parallel robot.
 
     Raises DescriptionError where these do not fit together.
     """
@@ -56,6 +57,7 @@ class Robot:
     moving_base: bool = False
     gravity: np.ndarray = EARTH
     loops: tuple[Loop, ...] = ()
+    platform: Platform | None = None
 
     def __post_init__(self):
         self._check_gravity_and_base()
@@ -71,6 +73,8 @@ class Robot:
             check_joint(number, joint)
         for loop in self.loops:
             check_loop(loop, len(self.links))
+        if self.platform is not None:
+            check_platform(self.platform, self)
         for link in self.links:
             if not link.inertia.is_finite:
                 raise DescriptionError(f"link {link.name!r}: its inertia has an entry that is not a finite number")

@@ -99,7 +99,8 @@ def _closed(robot, S, offset, t, moving, longest):
 
 
 def _dependent(robot, free, looped, J, rank):
-    """Places of the joints that depend on the others: passive ones of loops, then elastic ones."""
+    """Places of the joints that depend on the others: passive ones of loops, then elastic ones, in the order in which
+    they are best eliminated."""
     joints = [robot.joints[number] for number in free]
     chosen = [k for k in looped if not joints[k].actuated and joints[k].spring is None]
     elastic = [k for k in looped if not joints[k].actuated and joints[k].spring is not None]
@@ -113,7 +114,9 @@ def _dependent(robot, free, looped, J, rank):
         chosen += [elastic[k] for k in order[: len(enough)][enough]]
     if len(chosen) < rank:
         _refuse(robot, free, looped, rank, f"{_driven_names(joints, looped)} cannot move independently")
-    return np.array(sorted(chosen), dtype=int)
+    # those of one loop first: so the zeros between legs that share a platform stay zero in the factors
+    of_loops = np.split(J != 0, np.cumsum(rows_of_loops(robot))[:-1])
+    return np.array(sorted(chosen, key=lambda k: (sum(rows[:, k].any() for rows in of_loops), k)), dtype=int)
 
 
 def _driven_names(joints, looped):

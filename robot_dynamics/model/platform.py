@@ -1,0 +1,63 @@
+"""The platform of a parallel robot as data: a link that legs close on, and the joints that say where it is.
+
+Nothing holds the platform but its legs. In the tree it hangs on link 0 by six joints without motor or inertia, which are
+its coordinates: three that slide along x, y and z of link 0, and three that turn, about z, then y, then x. Its pose
+in link 0 is Trans(x, y, z) Rot(z, yaw) Rot(y, pitch) Rot(x, roll), and every leg is a branch of its own, which a
+loop closes on it: the decomposition of Khalil's section 5, second solution.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.joint import Joint
+from robot_dynamics.model.placement import placement
+
+COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
+"""Of a platform, in the order of their joints; [m] and [rad]."""
+ONWARD = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+"""Turns axes so that z comes to lie along x: what was x, y, z is then z, x, y."""
+TURNS = (ONWARD, ONWARD, ONWARD, np.eye(3), ONWARD.T, ONWARD.T)
+"""How the frame of each coordinate's joint stands in the one before: z along x, y, z, then z, y, x."""
+OWN_FRAME = placement(ONWARD.T)
+"""How the frame in which a platform is described stands in the frame of its link, whose z is along its x."""
+
+
+@dataclass(frozen=True)
+class Platform:
+    """link: number of the platform's link; joints: numbers of the six joints of COORDINATES, in this order; free: the
+    coordinates that its legs let it move by, as many as the mobility, such as ("x", "y", "z") of a Delta."""
+
+    link: int
+    joints: tuple
+    free: tuple = COORDINATES
+
+
+def coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0)):
+    """The six Joints of a platform: `name_x`, ... `name_roll`, which move links `first` to first + 5, the last of them
+    the platform. start: (6,) initial positions [m, rad]."""
+    return [
+        Joint(
+            f"{name}_{coordinate}",
+            antecedent=first + place - 1 if place else 0,
+            prismatic=place < 3,
+            placement=placement(turn),
+            actuated=False,
+            initial_position=position,
+        )
+        for place, (coordinate, turn, position) in enumerate(zip(COORDINATES, TURNS, start, strict=True))
+    ]
+
+
+def check_platform(platform, robot):
+    """Refuse a Platform that a Robot has not."""
+    if not 0 < platform.link < len(robot.links):
+        raise DescriptionError(f"the platform is link {platform.link}, of 1 to {len(robot.links) - 1}")
+    way = tuple(robot.way(platform.link)[::-1])
+    if way != tuple(platform.joints) or len(way) != len(COORDINATES):
+        raise DescriptionError(f"the platform must hang on the base by the six joints of its coordinates, not by {way}")
+    if any(robot.joints[number].role != "passive" for number in way):
+        raise DescriptionError("the joints that are the coordinates of the platform have neither motors nor springs")
+    if not platform.free or not set(platform.free) <= set(COORDINATES):
+        raise DescriptionError(f"free coordinates of a platform are some of {', '.join(COORDINATES)}")
