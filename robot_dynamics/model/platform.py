@@ -1,9 +1,9 @@
 """The platform of a parallel robot as data: a link that legs close on, and the joints that say where it is.
 
-Nothing holds the platform but its legs. In the tree it hangs on link 0 by six joints without motor or inertia, which are
-its coordinates: three that slide along x, y and z of link 0, and three that turn, about z, then y, then x. Its pose
-in link 0 is Trans(x, y, z) Rot(z, yaw) Rot(y, pitch) Rot(x, roll), and every leg is a branch of its own, which a
-loop closes on it: the decomposition of Khalil's section 5, second solution.
+Nothing holds the platform but its legs. In the tree it hangs on link 0 by six joints without motor or inertia, which
+are its coordinates: three that slide along x, y and z of link 0, and three that turn, about z, then y, then x. Its pose
+in link 0 is Trans(x, y, z) Rot(z, yaw) Rot(y, pitch) Rot(x, roll), and every leg is a branch of its own, which a loop
+closes on it: the decomposition of Khalil's section 5, second solution.
 """
 
 from dataclasses import dataclass
