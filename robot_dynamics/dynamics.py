@@ -8,7 +8,7 @@ origin.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forwar
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters, regressor
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
+from robot_dynamics.platform import PlatformDynamics
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
 from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels, models_of
 from robot_dynamics.symbolic.questions import answered
@@ -299,6 +300,16 @@ class Dynamics:
     def expand(self, q):
         """Positions (..., all joints) of all joints, from those of the independent ones; loops are closed."""
         return self._configurations.closed(q)
+
+    @cached_property
+    def platform(self):
+        """The PlatformDynamics of a parallel robot: the same questions in coordinates of its platform.
+
+        Raises QuestionError for a robot without a platform.
+        """
+        if self.robot.platform is None:
+            raise QuestionError(f"{self.robot.name!r} has no platform: ask by joints")
+        return PlatformDynamics(self)
 
     @property
     def closed_positions(self):

@@ -89,7 +89,7 @@ def base_state(robot, base):
     if not isinstance(base, Base):
         given = type(base).__name__
         raise QuestionError(f"the base of {robot.name!r} moves: give its state, base=Base(pose, twist), not {given}")
-    pose = _checked_pose(base.pose)
+    pose = checked_pose(base.pose, "pose of the base")
     gravity = apply_transposed(pose[..., :3, :3], robot.gravity)
     twist = finite("twist of the base", base.twist, 6, "linear and angular components")
     if base.acceleration is None:
@@ -102,14 +102,15 @@ def _at_rest(gravity):
     return np.concatenate([-gravity, np.zeros_like(gravity)], axis=-1)
 
 
-def _checked_pose(pose):
+def checked_pose(pose, what):
+    """Homogeneous matrices (..., 4, 4). what: what to call them in the QuestionError of what is none."""
     if np.shape(pose)[-2:] != (4, 4):
-        raise QuestionError(f"pose of the base has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
-    pose = finite("pose of the base", pose, 4, "columns")
+        raise QuestionError(f"{what} has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
+    pose = finite(what, pose, 4, "columns")
     R, last = pose[..., :3, :3], pose[..., 3, :]
     skewed = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0) > 1e-6
     if skewed or (np.linalg.det(R) < 0).any() or (last != (0, 0, 0, 1)).any():
-        raise QuestionError("pose of the base is no homogeneous matrix [rotation, position; 0, 0, 0, 1]")
+        raise QuestionError(f"{what} is no homogeneous matrix [rotation, position; 0, 0, 0, 1]")
     return pose
 
 
