@@ -20,7 +20,7 @@ MOTORS = [ROBOT.joint_numbers[name] for name in DYNAMICS.joint_names]
 def poses(count, rng=RNG):
     """Within 0.1 m and 0.3 rad of where the robot starts."""
     found = np.tile(np.eye(4), (count, 1, 1))
-    found[:, :3, 3] = [0, 0, 0.8] + rng.uniform(-0.1, 0.1, (count, 3))
+    found[:, :3, 3] = np.array([0, 0, 0.8]) + rng.uniform(-0.1, 0.1, (count, 3))
     found[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))).as_matrix()
     return found
 

@@ -21,6 +21,7 @@ from robot_dynamics.nodes.messages import (
     write_trajectory,
 )
 from robot_dynamics.nodes.names import match_joints
+from robot_dynamics.nodes.platform import is_asked_by_platform, read_platform_motion, write_platform
 
 
 def answer_inverse_dynamics(request, response, dynamics, namespace):
@@ -35,19 +36,20 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 
 def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
-    order = match_joints(request.trajectory.joint_names, dynamics, namespace)
-    times = _times(points, (asked,), "it is what is asked for")
-    q = read_positions(points, order)
-    qd = read_velocities(points, order, q)
-    if given == "effort":
-        question = {"efforts": read_efforts(points, order, q)}
+    times, base = _times(points, (asked,), "it is what is asked for"), None
+    if is_asked_by_platform(request, robot):
+        order, q, qd, qdd = read_platform_motion(request, times, dynamics, namespace, given == "accelerations")
     else:
-        question = {"qdd": read_accelerations(points, order, q, qd)}
+        order = match_joints(request.trajectory.joint_names, dynamics, namespace)
+        q = read_positions(points, order)
+        qd = read_velocities(points, order, q)
+        qdd = read_accelerations(points, order, q, qd) if given == "accelerations" else None
+        base = read_base(request.base, times, robot, namespace)
     answer = dynamics.solve(
         q,
         qd,
-        **question,
-        base=read_base(request.base, times, robot, namespace),
+        **({"efforts": read_efforts(points, order, q)} if given == "effort" else {"qdd": qdd}),
+        base=base,
         external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
     )
     response.trajectory = write_trajectory(
@@ -58,6 +60,8 @@ def _complete(request, response, dynamics, namespace, given, asked):
     )
     if robot.moving_base:
         response.base = write_base(request.base, answer.base_acceleration, robot)
+    elif robot.platform is not None:
+        response.base = write_platform(points, answer.motion, dynamics)
     if request.reaction_wrenches:
         response.reactions = write_reactions(points, answer.reactions, order)
     response.success = True

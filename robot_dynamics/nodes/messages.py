@@ -3,7 +3,7 @@
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Twist, Wrench, WrenchStamped
+from geometry_msgs.msg import Transform, Twist, Wrench, WrenchStamped
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import (
     JointTrajectory,
@@ -132,11 +132,19 @@ def read_base(base, times, robot, namespace, at_rest=False):
     """
     if not robot.moving_base:
         return _no_base(robot, base.points or base.joint_names)
+    return read_points(base, times, robot.base_link, namespace, f"the base of {robot.name!r}", at_rest)
+
+
+def read_points(base, times, link, namespace, whose, at_rest=False):
+    """The Base of a MultiDOFJointTrajectory that tells the motion of a link, at points at `times` [ns].
+
+    whose: what to call the link in errors.
+    """
     for name in base.joint_names:
-        resolve("base link", name, [robot.base_link], namespace)
+        resolve("base link", name, [link], namespace)
     if len(base.points) != len(times):
         raise QuestionError(
-            f"base.points has {len(base.points)} entries: the base of {robot.name!r} moves, so its pose and twist are "
+            f"base.points has {len(base.points)} entries: {whose} moves, so its pose and twist are "
             f"needed at each of {len(times)} points"
         )
     told = [len(point.accelerations) > 0 for point in base.points]
@@ -291,6 +299,13 @@ def write_wrench(values):
     message = Wrench()
     message.force.x, message.force.y, message.force.z = map(float, values[:3])
     message.torque.x, message.torque.y, message.torque.z = map(float, values[3:])
+    return message
+
+
+def write_transform(position, quaternion):
+    message = Transform()
+    message.translation.x, message.translation.y, message.translation.z = map(float, position)
+    message.rotation.x, message.rotation.y, message.rotation.z, message.rotation.w = map(float, quaternion)
     return message
 
 
