@@ -101,6 +101,15 @@ class Configurations:
         self._refuse_open(found, many=q.ndim > 1)
         return self._everyone(found.t).reshape(*q.shape[:-1], -1)
 
+    def attempted(self, q):
+        """(positions (N, all joints), closed (N,)): as `closed` for q (N, n), but of those samples at which the loops
+        do not close, or are singular, it is told and nothing raised."""
+        q, _ = self.checked(q)
+        with self._steps() as step:
+            found = self._coupling.reached(q, step)
+        left = np.abs(found.residual).max(axis=-1)
+        return self._everyone(found.t), (left <= CLOSES) & (found.quality > SINGULAR) & ~found.crossed
+
     def followed(self, q):
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
         before it, the first as by `closed`."""

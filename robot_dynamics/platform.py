@@ -51,6 +51,24 @@ class PlatformDynamics:
         """
         return self._led.closed(self._given(coordinates(checked_pose(pose, "pose of the platform")), seed))
 
+    def reach(self, pose):
+        """(positions (N, all joints), reached (N,)): as `joints` for poses (N, 4, 4), telling which of them the legs
+        reach; positions of the others mean nothing."""
+        return self._led.attempted(self._given(coordinates(checked_pose(pose, "pose of the platform")), None))
+
+    def condition(self, q):
+        """(...) condition number of J_p between motors and free coordinates, at positions that `joints` gives.
+
+        Angles count by the characteristic length of the robot; infinite where the motors do not hold the platform.
+        """
+        led = self._led.of_all(q).G
+        motors = [self._dynamics.robot.joint_numbers[name] for name in self._dynamics.joint_names]
+        unit = self._dynamics.robot.characteristic_length
+        sizes = [unit if self._dynamics.robot.joints[number].prismatic else 1.0 for number in self._led.independent]
+        drives = [unit if self._dynamics.robot.joints[number].prismatic else 1.0 for number in motors]
+        with np.errstate(all="ignore"):
+            return np.linalg.cond(led[..., motors, :] * np.array(sizes) / np.array(drives)[:, None])
+
     def pose(self, q):
         """The pose (..., 4, 4) of the platform at motor positions q (..., n): direct geometry. Where q has all joints,
         those tell where the search begins, and so which assembly mode comes out."""
@@ -130,6 +148,13 @@ def coordinates(pose):
     """(..., 6) x, y, z, yaw, pitch, roll of poses (..., 4, 4)."""
     angles = Rotation.from_matrix(pose[..., :3, :3].reshape(-1, 3, 3)).as_euler("ZYX").reshape(*pose.shape[:-2], 3)
     return np.concatenate([pose[..., :3, 3], angles], axis=-1)
+
+
+def pose_of(x):
+    """(..., 4, 4) poses of coordinates (..., 6)."""
+    pose = np.zeros((*x.shape[:-1], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = _rotation(x), x[..., :3], 1
+    return pose
 
 
 def _rotation(x):
