@@ -3,6 +3,7 @@
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from robot_dynamics.newton_euler.loops import loop_wrenches
 from robot_dynamics.newton_euler.mobility import CLOSES, NEARLY, widest
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 from robot_dynamics.question import finite
+
+SAMPLES_AT_ONCE = 2000  # whose loops are closed together: as many as a cache has place for
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,9 @@ class Configurations:
     def _with_seed(self, q):
         """Positions of all joints, in which nan may stand for those that loops place."""
         open_ = np.isnan(q[..., self.dependent])
-        known = self._coupling.closed[self._coupling.placed]
-        q[..., self.dependent] = np.where(open_, known, q[..., self.dependent])
+        if open_.any():
+            known = self._coupling.closed[self._coupling.placed]
+            q[..., self.dependent] = np.where(open_, known, q[..., self.dependent])
         q = finite("positions", q, len(self._names), f"joints ({', '.join(self._names)})")
         return q[..., self.independent], None if open_.all() else q[..., self.dependent]
 
@@ -95,11 +99,14 @@ class Configurations:
             return q @ self._coupling.S.T + self._coupling.offset
         samples = q.reshape(-1, q.shape[-1])
         seeds = None if seed is None else seed.reshape(len(samples), -1)
+        t = np.empty((len(samples), len(self._coupling.free)))
         with self._steps() as step:
-            coupling = self._coupling
-            found = coupling.reached(samples, step) if seeds is None else coupling.near(samples, seeds, step)
-        self._refuse_open(found, many=q.ndim > 1)
-        return self._everyone(found.t).reshape(*q.shape[:-1], -1)
+            for first in range(0, len(samples), SAMPLES_AT_ONCE):
+                block = slice(first, first + SAMPLES_AT_ONCE)
+                found = self._coupling.found(samples[block], None if seeds is None else seeds[block], step)
+                self._refuse_open(found, first, many=q.ndim > 1)
+                t[block] = found.t
+        return self._everyone(t).reshape(*q.shape[:-1], -1)
 
     def attempted(self, q):
         """(positions (N, all joints), closed (N,)): as `closed` for q (N, n), but of those samples at which the loops
@@ -121,10 +128,8 @@ class Configurations:
             for sample in range(len(q)):
                 if sample:
                     closed = self._coupling.along(found[-1], q[sample, None], step)
-                elif seed is None:
-                    closed = self._coupling.reached(q[:1], step)
                 else:
-                    closed = self._coupling.near(q[:1], seed[:1], step)
+                    closed = self._coupling.found(q[:1], None if seed is None else seed[:1], step)
                 self._refuse_open(closed, sample, many=True)
                 found.append(closed.t)
         return self._everyone(np.concatenate(found or [np.zeros((0, len(self._coupling.free)))]))
@@ -144,7 +149,7 @@ class Configurations:
         program = None if self._programs is None else self._programs.ready("closure")
         started = time.perf_counter()
         with np.errstate(all="ignore"):  # what does not close is refused
-            yield None if program is None else program.batch
+            yield None if program is None else partial(_closing_step, program)
         if program is None and self._programs is not None:
             self._programs.note(time.perf_counter() - started, "closure")
 
@@ -162,11 +167,10 @@ class Configurations:
 
         found: Closed; first: what the first sample is called, where there are many.
         """
-        left = np.abs(found.residual).max(axis=-1)
-        wrong = np.flatnonzero(~((left <= CLOSES) & (found.quality > SINGULAR)) | found.crossed)
-        if not len(wrong):
+        good = found.closes & (found.quality > SINGULAR) & ~found.crossed
+        if good.all():
             return
-        sample = wrong[0]
+        sample, left = np.argmin(good), np.abs(found.residual).max(axis=-1)
         where = f" at sample {first + sample}" if many else ""
         condition = f"(condition number {self._coupling.condition(found.t[sample]):.3g})"
         name, distance, angle = widest(self.robot, found.residual[sample])
@@ -186,3 +190,8 @@ class Configurations:
             f"the loops close{where} in another assembly mode than at the initial positions {condition}: a singular "
             "position lies between. Give the positions of all joints, near those that are meant"
         )
+
+
+def _closing_step(program, t):
+    """What the program of the model `closure` gives at t, one sample (m,) or many (N, m)."""
+    return program.evaluate(t) if t.ndim == 1 else program.batch(t)

@@ -13,41 +13,83 @@ WORTH_IT = 0.999  # of the residual that may be left after a step, where it is w
 LONGEST_STEP = 0.5  # [rad or characteristic lengths]: a Newton step that is longer knows nothing of where it leads
 
 
-def newton(evaluate, t, dependent, longest, iterations=ITERATIONS):
-    """(t (N, m), what `evaluate` gives there): the positions `dependent` moved until the loops are closed, or until
-    nothing brings their ends closer.
+def newton(evaluate, t, dependent, longest, iterations=ITERATIONS, closed=CLOSED):
+    """(t (N, m), what `evaluate` gives there): the positions `dependent` moved until the residual is at most `closed`,
+    or until nothing brings the ends of the loops closer.
 
-    t: (N, m), where to begin; dependent: numbers of columns; longest: (dependent,) the longest step of each.
+    t: (N, m), where to begin; dependent: numbers of columns; longest: (dependent,) the longest step of each. A single
+    sample is evaluated as t (m,), which takes a fraction of the time.
     """
+    if len(t) == 1:
+        t, found = _newton_of_one(evaluate, np.array(t[0]), dependent, longest, iterations, closed)
+        return t[None], [np.asarray(value)[None] for value in found]
     t = np.array(t)
-    found = [np.array(value) for value in evaluate(t)]
+    found = [np.require(value, requirements="W") for value in evaluate(t)]
     waiting = np.arange(len(t))
     for _ in range(iterations):
-        waiting = waiting[np.abs(found[0][waiting]).max(axis=-1, initial=0) > CLOSED]
+        waiting = waiting[np.abs(found[0][_rows(waiting, t)]).max(axis=-1, initial=0) > closed]
         if not len(waiting):
             break
-        step = np.nan_to_num(found[1][waiting], posinf=0, neginf=0)
-        step /= np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True))
+        step = _no_longer(found[1][_rows(waiting, t)], longest)
         waiting = _improved(evaluate, t, found, dependent, waiting, step)
     return t, found
+
+
+def _newton_of_one(evaluate, t, dependent, longest, iterations, closed):
+    """As `newton`, of one sample t (m,)."""
+    found = evaluate(t)
+    for _ in range(iterations):
+        residual = found[0]
+        if not np.abs(residual).max(initial=0) > closed:
+            break
+        step, enough, share = _no_longer(found[1], longest), WORTH_IT**2 * (residual @ residual), 1.0
+        for _ in range(HALVINGS):
+            trial = t.copy()
+            trial[dependent] += share * step
+            tried = evaluate(trial)
+            if tried[0] @ tried[0] < enough:
+                break
+            share /= 2
+        else:
+            break
+        t, found = trial, tried
+    return t, found
+
+
+def _no_longer(step, longest):
+    """Steps (..., dependent), shortened as a whole where a part of one is too long; none where it is not finite."""
+    if not (np.abs(step) <= longest).all():
+        step = np.where(np.isfinite(step), step, 0)
+        step = step / np.maximum(1.0, (np.abs(step) / longest).max(axis=-1, keepdims=True))
+    return step
 
 
 def _improved(evaluate, t, found, dependent, waiting, step):
     """Those of the samples `waiting` whose loops are nearer to being closed after their step or a part of it; t and
     found hold them then."""
-    before = np.linalg.norm(found[0][waiting], axis=-1)
+    enough = WORTH_IT**2 * _squared(found[0][_rows(waiting, t)])
     left, share, better = np.arange(len(waiting)), 1.0, []
     for _ in range(HALVINGS):
-        trial = t[waiting[left]]
-        trial[:, dependent] += share * step[left]
+        trial = np.array(t[_rows(waiting[left], t)])
+        trial[:, dependent] += share * step[_rows(left, step)]
         tried = evaluate(trial)
-        gains = np.linalg.norm(tried[0], axis=-1) < WORTH_IT * before[left]
+        gains = _squared(tried[0]) < enough[left]
         samples = waiting[left[gains]]
-        t[samples] = trial[gains]
+        rows, gained = _rows(samples, t), _rows(np.flatnonzero(gains), trial)
+        t[rows] = trial[gained]
         for values, now in zip(found, tried, strict=True):
-            values[samples] = now[gains]
+            values[rows] = now[gained]
         better.append(samples)
         left, share = left[~gains], share / 2
         if not len(left):
             break
     return np.sort(np.concatenate(better))
+
+
+def _rows(numbers, array):
+    """Numbers of rows, in their order, as an index of an array: all of them as a slice, which copies nothing."""
+    return slice(None) if len(numbers) == len(array) else numbers
+
+
+def _squared(residuals):
+    return np.einsum("...i,...i", residuals, residuals)

@@ -8,7 +8,7 @@ Without loops G = S and the drift is zero. Loops place some of the joints t, the
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the clo
 FINER = 5  # times as many strides where these lead astray
 MOST_STRIDES = 300
 ITERATIONS_ON_THE_WAY = 3
+CLOSED_ON_THE_WAY = 1e-4  # residual at which a stride has come far enough: the next one begins with an error anyway
 BLOCKED = 0.01  # residual at which there is no way on
 
 
@@ -32,13 +33,20 @@ class Closed(NamedTuple):
     """Positions t (N, m) of the joints that follow no other one, and how well they close the loops.
 
     residual: (N, rows); quality: (N,) the least part of the squared length of a column of J_d that is its own, 0 where
-    J_d is singular; crossed: (N,) whether a singular position lies between them and where they were sought from.
+    J_d is singular; placing: (N, dependent, dependent) as of `Coupling.step`; crossed: (N,) whether a singular position
+    lies between them and where they were sought from.
     """
 
     t: np.ndarray
     residual: np.ndarray
     quality: np.ndarray
+    placing: np.ndarray
     crossed: np.ndarray
+
+    @property
+    def closes(self):
+        """(N,) whether the loops are closed."""
+        return np.abs(self.residual).max(axis=-1, initial=0) <= CLOSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +55,8 @@ class Coupling:
 
     S (joints, m), offset (joints,): from the joints `free` (numbers) that follow no other one. independent, dependent:
     numbers of joints; among the free ones they have places in the columns of S, `chosen` and `placed`. closed (m,):
-    positions of the free joints at which the loops are closed; rows: as many rows of J_d, independent there.
+    positions of the free joints at which the loops are closed; rows: as many rows of J_d, independent there; sense: the
+    sign of their determinant there.
     """
 
     robot: object
@@ -57,7 +66,8 @@ class Coupling:
     chosen: np.ndarray
     placed: np.ndarray
     closed: np.ndarray | None
-    rows: np.ndarray | None
+    rows: np.ndarray | None = None
+    sense: int = 1
 
     @property
     def independent(self):
@@ -70,6 +80,12 @@ class Coupling:
     def seen_in(self, robot):
         """The same Coupling for the same robot with other frames or inertias."""
         return replace(self, robot=robot)
+
+    def oriented(self):
+        """The same Coupling with `rows` and `sense`, found where the loops are known to be closed."""
+        J = self._dependent_jacobian(self.closed)
+        rows = qr(J.T, mode="r", pivoting=True)[1][: len(self.placed)]
+        return replace(self, rows=rows, sense=-1 if np.linalg.det(J[rows]) < 0 else 1)
 
     def tangent(self, q):
         """(G (..., joints, n), the Orthogonal of J_d or None) at closed positions q (..., joints) of all joints."""
@@ -93,14 +109,23 @@ class Coupling:
         return linear.least_squares(factors, -turned) @ self.S[:, self.placed].T
 
     def step(self, t):
-        """(residual (..., rows), Newton's step (..., dependent), pivots, lengths) of the loops at t (..., m).
+        """(residual (..., rows), Newton's step (..., dependent), pivots, lengths, placing) of the loops at t (..., m).
 
-        pivots and lengths (..., dependent) are those of the Orthogonal of J_d.
+        pivots and lengths (..., dependent) are those of the Orthogonal of J_d. placing: (..., dependent, dependent)
+        rows of J_d of which the determinant is positive where the loops are known to be closed. It does not change its
+        sign without passing a singular position.
         """
         equations = loop_equations(self.robot, t @ self.S.T + self.offset)
-        factors = linear.orthogonal(equations.jacobian @ self.S[:, self.placed])
+        J = equations.jacobian @ self.S[:, self.placed]
+        factors = linear.orthogonal(J)
         step = linear.least_squares(factors, -equations.residual)
-        return equations.residual, step, factors.pivots, factors.lengths
+        signs = np.array([self.sense] + [1] * (len(self.rows) - 1))
+        placing = J[..., self.rows, :] * signs[: len(self.rows), None]
+        return equations.residual, step, factors.pivots, factors.lengths, placing
+
+    def found(self, q, seed=None, step=None):
+        """The Closed positions for q (N, n), `near` a seed (N, dependent), or without one `reached`."""
+        return self.reached(q, step) if seed is None else self.near(q, seed, step)
 
     def near(self, q, seed, step=None):
         """The Closed positions nearest to a seed: q (N, n) of the independent joints, seed (N, dependent) of those that
@@ -115,11 +140,11 @@ class Coupling:
         target, start = self._without_turns(q), np.broadcast_to(self.closed, (len(q), len(self.free)))
         found = self._in_mode(self.along(start, target, step))
         for way in (self._straight, self._joint_by_joint, partial(self._joint_by_joint, backwards=True)):
-            again = np.flatnonzero(found.crossed | ~(np.abs(found.residual).max(axis=-1) <= CLOSES))
+            again = np.flatnonzero(found.crossed | ~found.closes)
             if not len(again):
                 break
             other = self._in_mode(way(start[again], target[again], step))
-            better = ~other.crossed & (np.abs(other.residual).max(axis=-1) <= CLOSES)
+            better = ~other.crossed & other.closes
             for values, now in zip(found, other, strict=True):
                 values[again[better]] = now[better]
         found.t[:, self.chosen] = q
@@ -140,7 +165,7 @@ class Coupling:
         return found
 
     def _in_mode(self, found):
-        return found._replace(crossed=self._orientation(found.t) != self._orientation(self.closed))
+        return found._replace(crossed=~(np.linalg.det(found.placing) > 0))
 
     def along(self, t, q, step=None, longest=LONGEST_STRIDE):
         """The Closed positions at the end of the straight way from closed positions t (N, m) to q (N, n).
@@ -149,11 +174,11 @@ class Coupling:
         points to.
         """
         step, start, before = step or self.step, t[:, self.chosen], t
-        strides = np.ceil(np.abs((q - start) / self._reach(self.chosen)).max(initial=0) / longest)
+        strides = np.ceil(np.abs((q - start) / self._reach[self.chosen]).max(initial=0) / longest)
         for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
             t, before = 2 * t - before, t
             t[:, self.chosen] = start + share * (q - start)
-            t, found = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed), ITERATIONS_ON_THE_WAY)
+            t, found = newton(step, t, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY)
             if (np.abs(found[0]).max(axis=-1) > BLOCKED).all():
                 break  # no sample gets through
         t = 2 * t - before
@@ -161,36 +186,49 @@ class Coupling:
         return self._closed(t, step)
 
     def _closed(self, t, step):
-        t, (residual, _, pivots, lengths) = newton(step, t, self.placed, LONGEST_STEP * self._reach(self.placed))
-        return Closed(t, residual, (pivots / lengths).min(axis=-1), np.zeros(len(t), dtype=bool))
+        t, (residual, _, pivots, lengths, placing) = newton(step, t, self.placed, self._longest)
+        return Closed(t, residual, (pivots / lengths).min(axis=-1), placing, np.zeros(len(t), dtype=bool))
 
-    def _orientation(self, t):
-        """(...) the sign of the determinant of rows of J_d that are independent at the positions `closed`: it does not
-        change without passing a singular position."""
-        J = (loop_equations(self.robot, t @ self.S.T + self.offset).jacobian @ self.S)[..., self.placed]
-        return np.sign(np.linalg.det(J[..., self.rows, :]))
+    def _dependent_jacobian(self, t):
+        """J_d (rows, dependent) at positions t (m,)."""
+        return loop_equations(self.robot, self.S @ t + self.offset).jacobian @ self.S[:, self.placed]
 
     def condition(self, t):
         """The condition number of J_d at positions t (m,)."""
-        J = loop_equations(self.robot, self.S @ t + self.offset).jacobian @ self.S[:, self.placed]
-        return float(np.linalg.cond(J))
+        return float(np.linalg.cond(self._dependent_jacobian(t)))
 
-    def _reach(self, places):
-        """What counts as much as a radian [rad or m] of each of the free joints at these places."""
+    @cached_property
+    def _reach(self):
+        """(m,) what counts as much as a radian [rad or m] of each of the free joints."""
         unit = self.robot.characteristic_length
-        return np.array([unit if self.robot.joints[self.free[k]].prismatic else 1.0 for k in places])
+        return np.array([unit if self.robot.joints[number].prismatic else 1.0 for number in self.free])
+
+    @cached_property
+    def _longest(self):
+        """(dependent,) the longest step of each of the joints that the loops place."""
+        return LONGEST_STEP * self._reach[self.placed]
 
     def _without_turns(self, q):
         """q with the whole turns taken off by which revolute joints are away from the configuration that is known; not
         where both are within their limits, which tell which way round leads there."""
-        known, turning = self.closed[self.chosen], [not joint.prismatic for joint in self.robot.joints]
-        moved = [self.S[:, k] != 0 for k in self.chosen]  # with those that follow it a joint comes back to where it was
-        back = np.array([np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
-                for k, rows in zip(self.chosen, moved, strict=True)], dtype=bool)  # fmt: skip
-        limits = [self.robot.joints[number].limits for number in self.independent]
-        lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).reshape(-1, 2).T
+        known, (lower, upper) = self.closed[self.chosen], self._limits
         inside = np.isfinite(upper - lower) & (lower <= q) & (q <= upper) & (lower <= known) & (known <= upper)
-        return q - np.where(back & ~inside, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
+        turns = np.round((q - known) / (2 * np.pi))
+        return q - np.where(self._come_back & ~inside, 2 * np.pi * turns, 0.0)
+
+    @cached_property
+    def _come_back(self):
+        """(n,) whether after a whole turn of an independent joint all is where it was, with joints that follow it."""
+        turning = [not joint.prismatic for joint in self.robot.joints]
+        moved = [self.S[:, k] != 0 for k in self.chosen]
+        return np.array([np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
+                for k, rows in zip(self.chosen, moved, strict=True)], dtype=bool)  # fmt: skip
+
+    @cached_property
+    def _limits(self):
+        """(2, n): lower and upper limits of the independent joints."""
+        limits = [self.robot.joints[number].limits for number in self.independent]
+        return np.array([(limit.lower, limit.upper) for limit in limits]).reshape(-1, 2).T
 
 
 def coupling(robot):
@@ -203,11 +241,9 @@ def coupling(robot):
         S[number, column[leader]] = multiplier
         offset[number] = shift
     if not robot.loops:
-        return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None, None)
+        return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None)
     placed, closed = mobility(robot, S, offset, free)
-    J = loop_equations(robot, S @ closed + offset).jacobian @ S[:, placed]
-    rows = qr(J.T, mode="r", pivoting=True)[1][: len(placed)]
-    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed, rows)
+    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed).oriented()
 
 
 def projection(G, base_rows):

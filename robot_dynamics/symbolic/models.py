@@ -107,11 +107,12 @@ def regressor_model(robot):
 
 def closure_model(robot):
     """q (m,) of the joints that follow no other one -> residual (rows,) of the loops, step (k,) that Newton's method
-    takes of the joints that they place, and `pivots` and `lengths` (k,) that tell of singular positions."""
+    takes of the joints that they place, `pivots` and `lengths` (k,) that tell of singular positions, and `placing`
+    (k, k) of which the determinant is negative beyond them."""
     trace, chosen = Trace(), coupling(robot)
     prepared_robot, shifts = prepared(robot, gather=False)
-    chosen = replace(chosen, robot=prepared_robot, offset=chosen.offset + shifts)
-    names = ("residual", "step", "pivots", "lengths")
+    chosen = replace(chosen, robot=prepared_robot, offset=chosen.offset + shifts).oriented()
+    names = ("residual", "step", "pivots", "lengths", "placing")
     results = dict(zip(names, chosen.step(trace.input("q", len(chosen.free))), strict=True))
     return program_of(trace, "closure", {"q": len(chosen.free)}, results)
 

@@ -40,7 +40,7 @@ def program_key(model, robot, base, wrenches):
 
 def of_base(model, robot, question, base):
     """The arguments (..., 6) and (..., 3) that a model has of the base: twist, gravity, acceleration. Checked."""
-    if not question:
+    if not question or (base is None and not robot.moving_base):
         return []
     state = base_state(robot, base)
     if not robot.moving_base:
