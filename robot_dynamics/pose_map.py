@@ -16,9 +16,9 @@ WORST_CONDITION = 1e6  # beyond which efforts are noise
 class PoseMap:
     """axes: {coordinate: (k,) values [m or rad]}, in the order of the dimensions of what follows.
 
-    reached: (...) whether the legs reach the pose, their motors within their limits; condition: (...) of the motors' hold, nan where it is not reached;
-    efforts: (..., n) [N m or N] that hold the platform there, or give it the acceleration asked for; nan where it is not
-    reached or singular; positions: (..., n) of the motors' joints.
+    reached: (...) whether the legs reach the pose, their motors within their limits; condition: (...) of the motors'
+    hold, nan where it is not reached; efforts: (..., n) [N m or N] that hold the platform there, or give it the
+    acceleration asked for; nan where it is not reached or singular; positions: (..., n) of the motors' joints.
     """
 
     axes: dict
@@ -33,8 +33,8 @@ def pose_map(dynamics, axes, at=None, acceleration=None, progress=None):
     """The PoseMap of a parallel robot over a grid.
 
     axes: {coordinate: values} of the grid, such as {"x": linspace(-0.1, 0.1, 41)}; at: {coordinate: value} of the
-    others, where the robot begins if left out; acceleration: (6,) of the platform, in its own frame; progress: is called
-    with the share that is done.
+    others, where the robot begins if left out; acceleration: (6,) of the platform, in its own frame; progress: is
+    called with the share that is done.
 
     Raises QuestionError for coordinates that the platform has not.
     """
