@@ -50,9 +50,10 @@ colcon: venv  ## build both packages as in a ROS workspace, into build/, install
 	@$(BOOTSTRAP) --colcon
 	@sh tools/colcon_build.sh
 
-bench: venv  ## measure the recursions and the compiled models beside Pinocchio
+bench: venv  ## measure the recursions, the compiled models and closed loops beside Pinocchio and others
 	.venv/bin/python benchmarks/inverse_direct.py
 	.venv/bin/python benchmarks/compiled.py
+	.venv/bin/python benchmarks/closed_loops.py
 
 soak: venv  ## read a hundred thousand mutated descriptions of each format; takes some ten minutes
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py

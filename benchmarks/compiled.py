@@ -269,11 +269,12 @@ def main():
             show(f"{name}: {what}", ours, theirs, samples, options.rounds)
 
 
-def show(what, ours, theirs, samples, rounds):
+def show(what, ours, theirs, samples, rounds, width=48):
     """A row of the table."""
     mine, other, ratio = side_by_side(ours, theirs, rounds)
     told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
-    print(f"{what:<48} {told[0]:>12} {told[1]:>12} {1 / ratio:>8.1f}", flush=True)
+    times = f"{1 / ratio:.1f}" if ratio < 1 else f"{1 / ratio:.2g}"
+    print(f"{what:<{width}} {told[0]:>12} {told[1]:>12} {times:>8}", flush=True)
 
 
 if __name__ == "__main__":
