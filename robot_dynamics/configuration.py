@@ -1,5 +1,6 @@
 """Where all joints of a robot are, and how they move together: mimic joints told by the others, loops closed."""
 
+import math
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -69,7 +70,8 @@ class Configurations:
         self._names = [joint.name for joint in robot.joints]
 
     def checked(self, q):
-        """(q (..., n), seed (..., dependent) or None) of positions (..., n), or with loops of all joints."""
+        """(q (..., n), seed (..., dependent) or None) of positions (..., n), or with loops of all joints: nan in a seed
+        says nothing of a joint, and no seed nothing of any."""
         if self.robot.loops:
             try:
                 everyone = np.array(q, dtype=float)
@@ -82,31 +84,32 @@ class Configurations:
 
     def _with_seed(self, q):
         """Positions of all joints, in which nan may stand for those that loops place."""
-        open_ = np.isnan(q[..., self.dependent])
-        if open_.any():
-            known = self._coupling.closed[self._coupling.placed]
-            q[..., self.dependent] = np.where(open_, known, q[..., self.dependent])
+        seed = q[..., self.dependent]
+        open_ = np.isnan(seed)
+        q[..., self.dependent] = np.where(open_, 0.0, seed)
         q = finite("positions", q, len(self._names), f"joints ({', '.join(self._names)})")
-        return q[..., self.independent], None if open_.all() else q[..., self.dependent]
+        return q[..., self.independent], None if open_.all() else seed
 
-    def closed(self, q):
+    def closed(self, q, numbered=True):
         """Positions (..., all joints) of all joints, from those that `checked` takes.
 
-        Raises SingularModelError where the loops do not close, or are singular.
+        numbered: whether a refusal says which sample is meant. Raises SingularModelError where the loops do not close,
+        or are singular.
         """
         q, seed = self.checked(q)
         if not self.robot.loops:
             return q @ self._coupling.S.T + self._coupling.offset
-        samples = q.reshape(-1, q.shape[-1])
-        seeds = None if seed is None else seed.reshape(len(samples), -1)
+        batch = q.shape[:-1]
+        samples = q.reshape(math.prod(batch), q.shape[-1])
+        seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         t = np.empty((len(samples), len(self._coupling.free)))
         with self._steps() as step:
             for first in range(0, len(samples), SAMPLES_AT_ONCE):
                 block = slice(first, first + SAMPLES_AT_ONCE)
                 found = self._coupling.found(samples[block], None if seeds is None else seeds[block], step)
-                self._refuse_open(found, first, many=q.ndim > 1)
+                self._refuse_open(found, first, many=numbered and q.ndim > 1)
                 t[block] = found.t
-        return self._everyone(t).reshape(*q.shape[:-1], -1)
+        return self._everyone(t).reshape(*batch, len(self._names))
 
     def attempted(self, q):
         """(positions (N, all joints), closed (N,)): as `closed` for q (N, n), but of those samples at which the loops
@@ -114,8 +117,7 @@ class Configurations:
         q, _ = self.checked(q)
         with self._steps() as step:
             found = self._coupling.reached(q, step)
-        left = np.abs(found.residual).max(axis=-1)
-        return self._everyone(found.t), (left <= CLOSES) & (found.quality > SINGULAR) & ~found.crossed
+        return self._everyone(found.t), found.closes & (found.quality > SINGULAR) & ~found.crossed
 
     def followed(self, q):
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
@@ -153,9 +155,9 @@ class Configurations:
         if program is None and self._programs is not None:
             self._programs.note(time.perf_counter() - started, "closure")
 
-    def at(self, q):
-        """The Configuration at positions that `checked` takes."""
-        return self.of_all(self.closed(q))
+    def at(self, q, numbered=True):
+        """The Configuration at positions that `checked` takes. numbered: as for `closed`."""
+        return self.of_all(self.closed(q, numbered))
 
     def of_all(self, q):
         """The Configuration at positions (..., all joints) that are known to close the loops."""
@@ -172,8 +174,9 @@ class Configurations:
             return
         sample, left = np.argmin(good), np.abs(found.residual).max(axis=-1)
         where = f" at sample {first + sample}" if many else ""
-        condition = f"(condition number {self._coupling.condition(found.t[sample]):.3g})"
-        name, distance, angle = widest(self.robot, found.residual[sample])
+        with np.errstate(all="ignore"):
+            condition = f"(condition number {self._coupling.condition(found.t[sample]):.3g})"
+            name, distance, angle = widest(self.robot, found.residual[sample])
         if not left[sample] <= CLOSES:
             nearly = left[sample] < NEARLY and "; if it is meant to close there, its axes or lengths are not exact"
             raise SingularModelError(

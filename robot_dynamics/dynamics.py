@@ -14,7 +14,7 @@ import numpy as np
 
 from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, JointMotion, filled, refuse_unbalanced
 from robot_dynamics.configuration import Configurations
-from robot_dynamics.errors import QuestionError, unknown_name
+from robot_dynamics.errors import QuestionError, SingularModelError, unknown_name
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.motion import State, moved, with_loops_closed
@@ -50,7 +50,8 @@ class Dynamics:
 
     Where the robot has loops, q may have all joints too (..., all joints): the positions of the joints that the loops
     place, `looped_joint_names`, are then where the search for them begins, and choose the assembly mode; nan says
-    nothing. Without them the mode is that of the initial positions of the description. Every method raises
+    nothing, and some of them may be enough. A sample without any is closed in the mode of the initial positions of the
+    description. Every method raises
     SingularModelError where the loops do not close, or do not tell where the other joints are. Nothing is remembered
     between two calls.
 
@@ -269,8 +270,10 @@ class Dynamics:
         stable = np.True_
         with np.errstate(all="ignore"):
             if len(self._undriven):
-                found = balance(self.robot, self._beside(state.q), state.q[..., self._configurations.independent],
-                                self._undriven, acceleration, state.wrenches)  # fmt: skip
+                q = state.q[..., self._configurations.independent]
+                found = balance(
+                    self.robot, self._beside, state.configuration, q, self._undriven, acceleration, state.wrenches
+                )
                 refuse_unbalanced(found, self.undriven_joint_names)
                 state, stable = replace(state, configuration=found.configuration), found.stable
             rest = np.zeros_like(state.q)
@@ -359,15 +362,16 @@ class Dynamics:
             raise QuestionError(f"{self.robot.name!r} has loops: this depends on positions, give q")
         return self._configurations.at(np.zeros(len(self.joint_names)) if q is None else q)
 
-    def _beside(self, everyone):
-        """Configurations near positions (..., all joints), as a function of those (..., n) of independent joints."""
-
-        def configured(q):
-            near = np.array(np.broadcast_to(everyone, (*q.shape[:-1], everyone.shape[-1])))
-            near[..., self._configurations.independent] = q
-            return self._configurations.at(near if self.robot.loops else q)
-
-        return configured
+    def _beside(self, q, everyone):
+        """The Configuration at positions q (..., n), near positions (..., all joints)."""
+        near = np.array(np.broadcast_to(everyone, (*q.shape[:-1], everyone.shape[-1])))
+        near[..., self._configurations.independent] = q
+        try:
+            return self._configurations.at(near if self.robot.loops else q, numbered=False)
+        except SingularModelError as error:
+            raise SingularModelError(
+                f"no equilibrium was found: the joints without motor move to where {error}"
+            ) from None
 
     def _joints(self, what, values, left_open=()):
         everyone = f"joints ({', '.join(self.joint_names)})"

@@ -14,7 +14,8 @@ from peers.maximal_coordinates import MaximalCoordinates
 from peers.pinocchio_loops import PinocchioLoops
 from peers.random_loops import random_loops, random_placement
 
-from robot_dynamics import Base, Dynamics
+from robot_dynamics import Base, Dynamics, SingularModelError
+from robot_dynamics.model.joint import Spring
 from robot_dynamics.model.minimal_frames import minimal_frames
 
 LINKAGES = {"four_bar": random_four_bar, "five_bar": random_five_bar}
@@ -252,6 +253,41 @@ def test_efforts_at_rest_are_the_slope_of_the_potential(seed):
     assert np.abs(held - slope).max() < 1e-6 * max(1, np.abs(slope).max())
 
 
+def elastic_crank(linkage, start, rest):
+    """Dynamics of a linkage without motor and friction, a stiff spring at its first crank."""
+    robot = linkage.robot(start)
+    crank = replace(robot.joints[0], actuated=False, spring=Spring(1e5, rest))
+    return Dynamics(replace(robot, joints=(crank, *robot.joints[1:])), compiled=False)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_equilibrium_far_from_where_it_is_sought_is_in_the_same_assembly_mode(seed):
+    """A crank that turns all the way, drawn half a turn on by its spring: batches with wrenches, and one sample."""
+    linkage = random_four_bar(seed, friction=False)
+    dynamics = elastic_crank(linkage, 0.5, 0.5 + (-1) ** seed * 3)
+    wrenches = {"rocker": np.array([[1.0, 2, 3, 0.1, 0.2, 0.3], [0, 0, 0, 0, 0, 0]])}
+    found = dynamics.equilibrium(dynamics.closed_positions, external_wrenches=wrenches)
+    peer, rest = MaximalCoordinates(dynamics.robot), np.zeros(4)
+    for sample, q in enumerate(found.joint_positions):
+        turns = (q - linkage.positions(q[:1])) / (2 * np.pi)
+        assert np.abs(q[0] - 0.5) > 2.5 and np.abs(turns - np.round(turns)).max() < 1e-11
+        moved = peer.direct(q, rest, rest, external_wrenches={3: wrenches["rocker"][sample]})
+        begun = peer.direct(dynamics.closed_positions, rest, rest)
+        assert np.abs(moved.accelerations).max() < 1e-8 * np.abs(begun.accelerations).max()
+    assert found.stable.all()
+    one = dynamics.equilibrium(dynamics.closed_positions)
+    assert np.abs(one.joint_positions - found.joint_positions[1]).max() < 1e-9
+
+
+def test_equilibrium_at_which_loops_do_not_close_says_that_it_was_sought():
+    """A crank that cannot turn all the way, drawn past its dead centre: not the positions of the question are open."""
+    linkage = replace(random_four_bar(1, friction=False), crank=0.6, coupler=0.5, rocker=0.4, ground=0.8)
+    dynamics = elastic_crank(linkage, 0.5, 3.0)
+    with pytest.raises(SingularModelError, match=r"no equilibrium was found.*loop 'four_bar'") as refused:
+        dynamics.equilibrium(dynamics.closed_positions)
+    assert "at sample" not in str(refused.value)
+
+
 @pytest.mark.parametrize("seed", range(10))
 def test_frames_chosen_anew_change_nothing(seed):
     question = Question(seed)
@@ -271,3 +307,17 @@ def test_rates_are_in_the_null_space_of_an_own_jacobian(seed, chance):
     qd = np.random.default_rng(chance).uniform(-5, 5, len(dynamics.joint_names))
     rates = dynamics.expand_rates(qd, looped.q)
     assert np.abs(loop_jacobian(looped.robot, dynamics.expand(looped.q)) @ rates).max() < 1e-9 * np.abs(rates).max()
+
+
+@pytest.mark.parametrize("far", [1e200, 1.7e308])
+def test_positions_too_far_for_numbers_are_refused(far):
+    """Joints of loops that slide: the ends of the loops are nowhere."""
+    looped = random_loops(0, loops=2, kinds=("planar",), moving_base=False)
+    robot, dynamics = looped.robot, Dynamics(looped.robot, compiled=False)
+    assert any(robot.joints[number].prismatic for number in robot.looped)
+    everyone = np.full(len(robot.joints), far)
+    partly = everyone.copy()
+    partly[dynamics.all_joint_names.index(dynamics.looped_joint_names[0])] = np.nan
+    for q in (everyone[: len(dynamics.joint_names)], everyone, partly):
+        with pytest.raises(SingularModelError, match="does not close"):
+            dynamics.expand(q)

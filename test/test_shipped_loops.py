@@ -11,7 +11,7 @@ from peers.random_robots import limits_of
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics import Dynamics, SingularModelError, load_robot, shipped_robots
 from robot_dynamics.model.joint import Spring
 from robot_dynamics.newton_euler.loops import loop_equations
 
@@ -72,6 +72,75 @@ def test_both_models_agree_with_multipliers_on_maximal_coordinates(name):
         pushed = peer.direct(*everyone, found.efforts)
         found = dynamics.direct(positions, qd, answer.efforts)
         np.testing.assert_allclose(found, pushed.accelerations[independent], rtol=1e-8, atol=1e-8)
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("batch", [(0,), (0, 3), (3, 0)])
+@pytest.mark.parametrize("name", ["five_bar", "sr400"])
+def test_batches_without_samples_have_answers_without_samples(name, batch, compiled):
+    dynamics = Dynamics(load_robot(name), compiled=compiled)
+    if compiled:
+        for model in ("inverse", "direct", "gravity", "coriolis", "inertia_matrix", "closure"):
+            dynamics.compile(model)
+    count, every = len(dynamics.joint_names), len(dynamics.all_joint_names)
+    nothing = np.zeros((*batch, count))
+    for q in (nothing, np.zeros((*batch, every))):
+        assert dynamics.expand(q).shape == (*batch, every)
+        for found in (
+            dynamics.inverse(q, nothing, nothing),
+            dynamics.direct(q, nothing, nothing),
+            dynamics.gravity(q),
+            dynamics.coriolis(q, nothing),
+            dynamics.friction(nothing, q),
+            dynamics.equilibrium(q).efforts,
+        ):
+            assert found.shape == (*batch, count)
+        assert dynamics.solve(q, nothing, qdd=nothing).reactions.shape == (*batch, 1 + every, 6)
+        assert dynamics.inertia_matrix(q).shape == (*batch, count, count)
+        if len(batch) == 1:
+            assert dynamics.follow(q).shape == (*batch, every)
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_positions_of_some_joints_in_loops_choose_the_assembly_mode_of_all(name):
+    """Of all but one, or of one alone, where they are in the initial mode: what is told stays as it is."""
+    dynamics, rng = Dynamics(load_robot(name), compiled=False), np.random.default_rng(3)
+    looped = [dynamics.all_joint_names.index(joint) for joint in dynamics.looped_joint_names]
+    expected = dynamics.expand(within_limits(dynamics, 40))
+    told = expected.copy()
+    for sample in told:
+        sample[rng.choice(looped, rng.integers(1, len(looped)), replace=False)] = np.nan
+    found = dynamics.expand(told)
+    turns = (found - expected) / (2 * np.pi)
+    assert np.abs((found - told)[~np.isnan(told)]).max() < 1e-9
+    if name != "bricard":  # of which a joint may be told that does not tell the mode
+        np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+
+
+def test_a_sample_of_which_nothing_is_told_is_closed_as_if_it_were_alone():
+    """Beside one whose apex is on the other side."""
+    dynamics = Dynamics(load_robot("five_bar"), compiled=False)
+    looped = [dynamics.all_joint_names.index(joint) for joint in dynamics.looped_joint_names]
+    for q in within_limits(dynamics, 10):
+        here = dynamics.expand(q)
+        silent, other = here.copy(), other_mode(dynamics, here, looped)
+        silent[looped] = np.nan
+        found = dynamics.expand([silent, other, silent])
+        np.testing.assert_allclose(found, [here, other, here], atol=1e-11)
+
+
+def other_mode(dynamics, here, looped):
+    """Positions in another assembly mode, the same of the independent joints."""
+    other = here.copy()
+    for start in np.random.default_rng(0).uniform(-3, 3, (50, len(looped))):
+        other[looped] = start
+        try:
+            found = dynamics.expand(other)
+        except SingularModelError:
+            continue
+        if np.abs((found - here + np.pi) % (2 * np.pi) - np.pi).max() > 0.1:
+            return found
+    raise AssertionError("no other assembly mode was found")
 
 
 def test_sr400_closes_as_its_table_says():

@@ -18,7 +18,7 @@ from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
 from robot_dynamics.newton_euler.loops import loop_equations
-from robot_dynamics.newton_euler.mobility import CLOSES, mobility
+from robot_dynamics.newton_euler.mobility import CLOSES, closed_by, mobility
 from robot_dynamics.newton_euler.screw import apply
 
 LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the closed configuration that is known
@@ -129,10 +129,32 @@ class Coupling:
 
     def near(self, q, seed, step=None):
         """The Closed positions nearest to a seed: q (N, n) of the independent joints, seed (N, dependent) of those that
-        the loops place. step: what computes `step`, this object's own if None."""
+        the loops place, nan where it says nothing of a joint; a sample of which it says nothing at all is `reached`.
+        step: what computes `step`, this object's own if None."""
         t = np.empty((len(q), len(self.free)))
         t[:, self.chosen], t[:, self.placed] = q, seed
-        return self._closed(t, step or self.step)
+        silent = np.isnan(seed)
+        open_, nothing_told = silent.any(axis=-1), silent.all(axis=-1)
+        if not open_.any():
+            return self._closed(t, step or self.step)
+        start = self.reached(q[open_], step)
+        usable = ~start.crossed & start.closes
+        t[open_] = self._filled(t[open_], np.where(usable[:, None], start.t, self.closed))
+        found = self._closed(t, step or self.step)
+        for values, now in zip(found, start, strict=True):
+            values[nothing_told] = now[nothing_told[open_]]
+        return found
+
+    def _filled(self, t, start):
+        """t (N, m), some of it nan, with these joints moved from positions `start` (N, m) to where the loops are
+        nearest to being closed while all others stay: so what is told of some chooses the assembly mode of all."""
+        silent = np.isnan(t)
+        for pattern in np.unique(silent, axis=0):
+            alike, moving = (silent == pattern).all(axis=-1), np.flatnonzero(pattern)
+            longest = LONGEST_STEP * self._reach[moving]
+            begin = np.where(pattern, start[alike], t[alike])
+            t[alike] = closed_by(self.robot, self.S, self.offset, begin, moving, longest)[0]
+        return t
 
     def reached(self, q, step=None):
         """The Closed positions in the assembly mode of those that are known, `closed`: whole turns of the independent
@@ -194,8 +216,9 @@ class Coupling:
         return loop_equations(self.robot, self.S @ t + self.offset).jacobian @ self.S[:, self.placed]
 
     def condition(self, t):
-        """The condition number of J_d at positions t (m,)."""
-        return float(np.linalg.cond(self._dependent_jacobian(t)))
+        """The condition number of J_d at positions t (m,), infinite where J_d is no finite matrix."""
+        J = self._dependent_jacobian(t)
+        return float(np.linalg.cond(J)) if np.isfinite(J).all() else np.inf
 
     @cached_property
     def _reach(self):

@@ -39,12 +39,13 @@ class Balance(NamedTuple):
     scale: np.ndarray
 
 
-def balance(robot, configured, q, free, base_acceleration, external_wrenches):
+def balance(robot, configured, start, q, free, base_acceleration, external_wrenches):
     """The Balance of a robot whose independent joints `free` (numbers) have no motor.
 
-    configured: gives for positions (..., m) of the independent joints the configuration, with q (..., joints) of all
-    joints and G (..., joints, m); q: (..., m), those of `free` where the search begins; base_acceleration: (..., 6),
-    gravity taken off; external_wrenches: {link number: jf_e (..., 6)}.
+    configured: gives for positions (..., m) of the independent joints, and positions (..., joints) of all joints near
+    there, the configuration, with q (..., joints) of all joints and G (..., joints, m); start: the configuration where
+    the search begins; q: (..., m), the positions of the independent joints there; base_acceleration: (..., 6), gravity
+    taken off; external_wrenches: {link number: jf_e (..., 6)}.
     """
 
     def independent(q_free):
@@ -53,31 +54,32 @@ def balance(robot, configured, q, free, base_acceleration, external_wrenches):
         return positions
 
     def forces(q_free):
-        """What is out of balance at the free joints (..., free)."""
-        there = configured(independent(q_free))
+        """What is out of balance at the free joints (..., free), not far from `here`."""
+        there = configured(independent(q_free), here.q)
         rest = np.zeros_like(there.q)
         held = bias(robot, there.q, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches)
         return there.gathered(held[..., -len(robot.joints) :] + spring_force(robot, there.q, rest))[..., free]
 
-    found = q[..., free]
+    found, here = q[..., free], start
     left = forces(found)
     found = np.array(np.broadcast_to(found, left.shape))  # the batch of base and wrenches too
-    G = configured(q).G[..., free]
+    G = here.G[..., free]
     scale = _scale(robot, G, base_acceleration, external_wrenches)
     turning = np.array([not joint.prismatic for joint in robot.joints])
     slides = ~np.any((G != 0) & turning[:, None], axis=tuple(range(G.ndim - 1)))
     longest = np.where(slides, LONGEST_SLIDE, LONGEST_TURN)
     for _ in range(ITERATIONS):
         if not np.isfinite(left).all():
-            return Balance(configured(independent(found)), np.False_, left, scale)
+            return Balance(here, np.False_, left, scale)
         before = found
         rests = (np.abs(left) <= AT_REST * scale).all(axis=-1)
         found, left = _moved(forces, found, left, _stiffness(forces, found), rests, longest)
+        here = configured(independent(found), here.q)
         if np.all(np.abs(found - before) <= 1e-15 * (1 + np.abs(found))):
             break
     _, scaled = _by_own_stiffness(_stiffness(forces, found))
     smallest = np.linalg.eigvalsh((scaled + np.swapaxes(scaled, -1, -2)) / 2).min(axis=-1)
-    return Balance(configured(independent(found)), smallest > NEUTRAL, left, scale)
+    return Balance(here, smallest > NEUTRAL, left, scale)
 
 
 def _scale(robot, G, base_acceleration, external_wrenches):

@@ -74,7 +74,7 @@ def _closed_configurations(robot, S, offset, free, looped):
             t[looped] = (found[0] if found else start)[looped] + reach[looped] * chance.uniform(
                 -spread, spread, len(looped)
             )
-        t, left = _closed(robot, S, offset, t, moving, LONGEST_STEP * reach[moving])
+        (t,), (left,) = closed_by(robot, S, offset, t[None], moving, LONGEST_STEP * reach[moving])
         if np.abs(left).max() <= CLOSES:
             found.append(t)
         elif nearest is None or np.abs(left).max() < np.abs(nearest).max():
@@ -86,16 +86,17 @@ def _closed_configurations(robot, S, offset, free, looped):
     return found
 
 
-def _closed(robot, S, offset, t, moving, longest):
-    """(t, residual) with the loops closed, by steps of least length of the joints `moving`."""
+def closed_by(robot, S, offset, t, moving, longest):
+    """(t (N, m), residual (N, rows)) with the loops closed as far as steps of least length of the joints `moving` do
+    it, from t (N, m), where all others stay. longest: as for `newton`."""
 
     def evaluate(t):
         equations = loop_equations(robot, t @ S.T + offset)
-        J = (equations.jacobian @ S)[..., moving]
+        J = np.nan_to_num((equations.jacobian @ S)[..., moving], posinf=0, neginf=0)
         return equations.residual, -(np.linalg.pinv(J, rcond=RANK) @ equations.residual[..., None])[..., 0]
 
-    t, (residual, _) = newton(evaluate, t[None], moving, longest)
-    return t[0], residual[0]
+    t, (residual, _) = newton(evaluate, t, moving, longest)
+    return t, residual
 
 
 def _dependent(robot, free, looped, J, rank):
