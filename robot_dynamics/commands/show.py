@@ -26,6 +26,7 @@ def run(told):
     base = "moves" if robot.moving_base else "is fixed"
     gravity = " ".join(map(short, robot.gravity.tolist()))
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")
+    print_platform(robot)
     print_mdh_table(robot)
     print_joints(robot)
     print_loops(robot)
@@ -34,6 +35,14 @@ def run(told):
     print_totals(robot)
     for warning in robot.warnings:
         print(f"warning: {warning}")
+
+
+def print_platform(robot):
+    if robot.platform is None:
+        return
+    coordinates = ", ".join(robot.joints[number].name for number in robot.platform.joints)
+    name, free = robot.links[robot.platform.link].name, ", ".join(robot.platform.free)
+    print(f"platform {name!r}: coordinates {coordinates}; its legs let it move by {free}")
 
 
 def print_mdh_table(robot):

@@ -20,6 +20,7 @@ ONWARD = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """Turns axes so that z comes to lie along x: what was x, y, z is then z, x, y."""
 TURNS = (ONWARD, ONWARD, ONWARD, np.eye(3), ONWARD.T, ONWARD.T)
 """How the frame of each coordinate's joint stands in the one before: z along x, y, z, then z, y, x."""
+ALIGNED = 1e-9  # [m, rad] to which axes of coordinates are where they should be
 OWN_FRAME = placement(ONWARD.T)
 """How the frame in which a platform is described stands in the frame of its link, whose z is along its x."""
 
@@ -56,8 +57,32 @@ def check_platform(platform, robot):
         raise DescriptionError(f"the platform is link {platform.link}, of 1 to {len(robot.links) - 1}")
     way = tuple(robot.way(platform.link)[::-1])
     if way != tuple(platform.joints) or len(way) != len(COORDINATES):
-        raise DescriptionError(f"the platform must hang on the base by the six joints of its coordinates, not by {way}")
+        names = ", ".join(repr(robot.joints[number].name) for number in way)
+        raise DescriptionError(
+            f"the platform must hang on the base by the six joints of its coordinates, in their order, not by {names}"
+        )
     if any(robot.joints[number].role != "passive" for number in way):
         raise DescriptionError("the joints that are the coordinates of the platform have neither motors nor springs")
     if not platform.free or not set(platform.free) <= set(COORDINATES):
         raise DescriptionError(f"free coordinates of a platform are some of {', '.join(COORDINATES)}")
+    _check_axes(robot, way, robot.frame(robot.links[platform.link].name))
+
+
+def _check_axes(robot, way, frame):
+    """Refuse joints that do not slide along x, y, z of the base and then turn about z, y, x of the platform's frame,
+    which lies on that of the base where all are zero."""
+    axes, placed = [], np.eye(4)
+    for number in way:
+        placed = placed @ robot.joints[number].placement
+        axes.append(np.append(placed[:3, 2], 0 if robot.joints[number].prismatic else np.cross(*placed[:3, 2:].T)))
+    placed = placed @ frame.placement
+    if placed.dtype == object:  # symbols have no value yet
+        return
+    kinds = [robot.joints[number].prismatic for number in way] == [True] * 3 + [False] * 3
+    meant = [np.append(np.eye(3)[k], 0 if place < 3 else np.zeros(3)) for place, k in enumerate((0, 1, 2, 2, 1, 0))]
+    aligned = kinds and all(np.allclose(a, b, atol=ALIGNED) for a, b in zip(axes, meant, strict=True))
+    if not aligned or not np.allclose(placed, np.eye(4), atol=ALIGNED):
+        raise DescriptionError(
+            "the coordinates of the platform must slide along x, y and z of the base and then turn about z, y and x of "
+            f"frame {frame.name!r}, which must lie on that of the base where they are zero"
+        )

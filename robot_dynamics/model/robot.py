@@ -73,8 +73,6 @@ class Robot:
             check_joint(number, joint)
         for loop in self.loops:
             check_loop(loop, len(self.links))
-        if self.platform is not None:
-            check_platform(self.platform, self)
         for link in self.links:
             if not link.inertia.is_finite:
                 raise DescriptionError(f"link {link.name!r}: its inertia has an entry that is not a finite number")
@@ -89,6 +87,8 @@ class Robot:
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
                 raise DescriptionError(f"frame {link.name!r} is on another link than the one of its name")
+        if self.platform is not None:
+            check_platform(self.platform, self)
         _ = self.leaders
 
     def __repr__(self):
@@ -172,6 +172,7 @@ class Robot:
                     f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
                     "inertia, so the direct model has no answer"
                 )
+        found += [] if self.platform is None else self._loose_platform()
         return tuple(found)
 
     def way(self, link):
@@ -196,6 +197,14 @@ class Robot:
         placements += [end.placement for loop in self.loops for end in loop.ends]
         lengths = [length for placed in placements if (length := np.linalg.norm(placed[:3, 3])) > 0]
         return float(np.mean(lengths)) if lengths else 1.0
+
+    def _loose_platform(self):
+        """What is doubtful about how the platform is held: sentences."""
+        held = sum(len({*self.platform.joints} & ({*self.way(a.link)} ^ {*self.way(b.link)})) > 0
+                   for a, b in (loop.ends for loop in self.loops))  # fmt: skip
+        legs = "no leg" if held == 0 else "one leg alone"
+        name = self.links[self.platform.link].name
+        return [f"platform {name!r}: {legs} holds it, and a parallel robot has two at least"] if held < 2 else []
 
     @property
     def _known_by_moment(self):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from peers.random_robots import limits_of
+from peers.reachable import reachable
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
 
@@ -16,7 +16,7 @@ def test_robot_loads_and_both_models_agree(name):
     rng, count = np.random.default_rng(0), len(dynamics.joint_names)
     q, qd, qdd = rng.uniform(-1, 1, (3, 20, count))
     if robot.loops:
-        q = rng.uniform(*limits_of(dynamics), (20, count))
+        q = reachable(dynamics, 20, rng)
     qdd[:, [dynamics.joint_names.index(name) for name in dynamics.undriven_joint_names]] = np.nan
     answer = dynamics.solve(q, qd, qdd=qdd)
     np.testing.assert_allclose(dynamics.direct(q, qd, answer.efforts), answer.accelerations, rtol=1e-7, atol=1e-7)

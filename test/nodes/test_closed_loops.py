@@ -15,12 +15,13 @@ from nodes.questions import (
 )
 from peers.loop_states import loop_gaps
 from peers.maximal_coordinates import MaximalCoordinates
-from peers.random_robots import limits_of
+from peers.reachable import reachable
 
 from robot_dynamics import Dynamics, SingularModelError, load_robot, shipped_robots
 
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
 STATES = 1000
+STATES_OF_LEGS = 100  # of parallel robots, whose bodies are many
 
 
 def near(found, expected, tolerance):
@@ -35,7 +36,7 @@ def test_door_service_batch_and_trace_are_multipliers_on_maximal_coordinates(cal
     dynamics, rng = Dynamics(load_robot(name), compiled=False), np.random.default_rng(3)
     peer = MaximalCoordinates(dynamics.robot)
     independent = [dynamics.robot.joint_numbers[joint] for joint in dynamics.joint_names]
-    q = rng.uniform(*limits_of(dynamics), (STATES, len(independent)))
+    q = reachable(dynamics, STATES if dynamics.robot.platform is None else STATES_OF_LEGS, rng)
     qd, qdd = rng.uniform(-2, 2, (2, *q.shape))
     everyone = dynamics.expand(q)
     rates = dynamics.expand_rates(qd, everyone)

@@ -7,6 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics
 
+from .reachable import reachable
+
 
 def numbers(values):
     return " ".join(repr(float(value)) for value in np.atleast_1d(values))
@@ -79,20 +81,13 @@ class States:
         return {name: wrench[k] for name, wrench in self.wrenches.items()}
 
 
-def limits_of(dynamics):
-    """(2, n): lower and upper limits of the joints of a Dynamics, within ±2 where there are none."""
-    limits = [dynamics.robot.joints[dynamics.robot.joint_numbers[name]].limits for name in dynamics.joint_names]
-    told = np.array([(limit.lower, limit.upper) for limit in limits]).T
-    return np.where(np.isfinite(told), told, [[-2.0], [2.0]])
-
-
 def random_states(robot, joints, count, seed):
     """States; of a robot with loops q are positions of all joints, that close them, the driven ones within limits."""
     rng = np.random.default_rng([seed, 1])
     q, qd, qdd = rng.uniform(-2, 2, (3, count, joints))
     if robot.loops:
         dynamics = Dynamics(robot, compiled=False)
-        q = dynamics.expand(rng.uniform(*limits_of(dynamics), (count, joints)))
+        q = dynamics.expand(reachable(dynamics, count, rng))
     base = None
     if robot.moving_base:
         pose = np.tile(np.eye(4), (count, 1, 1))

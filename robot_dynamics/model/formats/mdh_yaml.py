@@ -12,11 +12,14 @@ from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.urdf_yaml import read_urdf_document
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
 from robot_dynamics.model.formats.yaml_joints import joint_told, objection_to_role, spring_told, unknown_link
-from robot_dynamics.model.formats.yaml_loops import read_loops
+from robot_dynamics.model.formats.yaml_legs import leg_copies
+from robot_dynamics.model.formats.yaml_loops import read_loops, told_loops
 from robot_dynamics.model.formats.yaml_numbers import YamlNumbers
+from robot_dynamics.model.formats.yaml_platform import described_joints, platform_told
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.placement import placement
+from robot_dynamics.model.platform import OWN_FRAME
 from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
 
 HINTS = {
@@ -65,8 +68,6 @@ class _Builder:
 
     def __init__(self, document, values):
         self.document, self.data = document, document.data
-        if self.data.get("platform"):
-            document.fail(("platform",), "platform can be described but not be computed yet: only trees and loops can")
         self.numbers = YamlNumbers(document, values)
 
     def build(self, moving_base, gravity):
@@ -74,10 +75,14 @@ class _Builder:
         self.links = [base.get("link", "base_link")]
         self.inertias, self.joints = [self._inertia(base, ("base",))], []
         self.placed = {self.links[0]: (0, np.eye(4))}  # link number and placement in its frame, of all frames by name
-        self.told_frames, self.nameless = set(), set()
-        for number, row in enumerate(self.data["joints"]):
+        self.told_frames, self.nameless, self.followers = set(), set(), []
+        self.own_frames = {}  # frames of links in which what is on them is told, where they are not those of rows
+        self._hang_platform()
+        self.here = self.placed[self.links[0]]  # what a row hangs on that does not tell
+        for number, row in enumerate(self.data.get("joints", [])):
             self._row(row, ("joints", number))
-        loops = self._loops()
+        loops = self._loops([*self._legs(), *told_loops(self.numbers)])
+        platform = platform_told(self.document, self.joints, self.links, self.inertias)
         for number, frame in enumerate(self.data.get("frames", [])):
             self._frame(frame, ("frames", number))
         self._check_leaders()
@@ -94,12 +99,44 @@ class _Builder:
                 moving_base=moving_base,
                 gravity=gravity,
                 loops=loops,
+                platform=platform,
             )
         except DescriptionError as error:
             self.document.fail((), str(error))
 
-    def _loops(self):
-        cuts = read_loops(self.numbers, self.joints, self.links, self.placed)
+    def _hang_platform(self):
+        """The joints and links of a platform that is described as a body, the first of the robot."""
+        for joint in described_joints(self.numbers):
+            self.joints.append(joint)
+            self.links.append(joint.name)
+            self.inertias.append(Inertia())
+            self.placed[joint.name] = (len(self.joints), np.eye(4))
+        if self.joints:
+            told = self.data["platform"]
+            name, path = told["link"], ("platform",)
+            self.placed.pop(self.links[-1])
+            self._refuse_taken(name, (*path, "link"))
+            self.links[-1] = name
+            self.inertias[-1] = self._inertia(told, path).seen_from(OWN_FRAME)
+            self.placed[name], self.own_frames[name] = (len(self.joints), OWN_FRAME), OWN_FRAME
+            self.told_frames.add(name)
+
+    def _legs(self):
+        """Adds the rows of all legs; the ToldLoops by which they are closed."""
+        whole, loops = self.numbers, []
+        for leg in leg_copies(whole):
+            told, path = leg.base
+            self.numbers = leg.numbers
+            link, frame = self._antecedent({"antecedent": self.links[0], **told}, path)
+            self.here = link, frame @ self.numbers.place(told, path)
+            for row, path in leg.rows:
+                self._row(row, path)
+            loops += leg.loops
+        self.numbers = whole
+        return loops
+
+    def _loops(self, told):
+        cuts = read_loops(self.document, told, self.joints, self.links, self.placed)
         for joint, link in zip(cuts.joints, cuts.links, strict=True):
             self.joints.append(joint)
             self.links.append(link)
@@ -109,8 +146,7 @@ class _Builder:
 
     def _row(self, row, path):
         name = row["link"]
-        if name in self.placed:
-            self.document.fail((*path, "link"), f"link or frame {name!r} is there already: names must differ")
+        self._refuse_taken(name, (*path, "link"))
         link, frame = self._antecedent(row, path)
         frame = frame @ self.numbers.mdh(row, path)
         inertia = self._inertia(row, path)
@@ -119,7 +155,7 @@ class _Builder:
                 if key in row:
                     self.document.fail((*path, key), f"a fixed row moves nothing: leave out {key}, or the type")
             self.inertias[link] += inertia.seen_from(frame)
-            self.placed[name] = (link, frame)
+            self.here = self.placed[name] = (link, frame)
             if row.get("named") is False:
                 self.nameless.add(name)
             return
@@ -130,11 +166,17 @@ class _Builder:
         self.joints.append(self._joint(row, link, frame, path))
         self.links.append(name)
         self.inertias.append(inertia)
-        self.placed[name] = (len(self.joints), np.eye(4))
+        self.here = self.placed[name] = (len(self.joints), np.eye(4))
+
+    def _refuse_taken(self, name, path):
+        if name in self.placed:
+            self.document.fail(path, f"link or frame {name!r} is there already: names must differ")
 
     def _antecedent(self, row, path):
         """Link number and placement of the frame that a row is placed in; left out, that of the row before."""
-        name = row.get("antecedent", next(reversed(self.placed)))
+        if "antecedent" not in row:
+            return self.here
+        name = row["antecedent"]
         if name not in self.placed:
             hint = self._unknown_link(name, self.placed)
             self.document.fail((*path, "antecedent"), f"{hint}. A row comes after the one it hangs on")
@@ -166,16 +208,16 @@ class _Builder:
         if "mimic" not in row:
             return None
         told, path = row["mimic"], (*path, "mimic")
+        self.followers.append((told["joint"], path))
         return Mimic(
             told["joint"], self.numbers.number(told, "multiplier", path, 1.0), self.numbers.number(told, "offset", path)
         )
 
     def _check_leaders(self):
         names = [joint.name for joint in self.joints]
-        for number, row in enumerate(self.data["joints"]):
-            leader = row.get("mimic", {}).get("joint", next(iter(names), None))
-            if leader not in names and names:
-                self.document.fail(("joints", number, "mimic", "joint"), unknown_name("joint", leader, names))
+        for leader, path in self.followers:
+            if leader not in names:
+                self.document.fail((*path, "joint"), unknown_name("joint", leader, names))
 
     def _frame(self, frame, path):
         """A named frame on a link; one of the link's own name says where wrenches and payloads on it are meant."""
@@ -188,7 +230,7 @@ class _Builder:
         if name in self.placed and not (name == link and name not in self.told_frames):
             self.document.fail((*path, "frame"), f"link or frame {name!r} is there already: names must differ")
         self.told_frames.add(name)
-        self.placed[name] = (number, self.numbers.pose(frame, path))
+        self.placed[name] = (number, self.own_frames.get(link, np.eye(4)) @ self.numbers.pose(frame, path))
 
     def _inertia(self, body, path):
         """The Inertia about the frame's origin of a mapping that may have the keys of BODY."""

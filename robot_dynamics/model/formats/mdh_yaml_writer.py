@@ -49,6 +49,8 @@ def write_mdh_yaml(robot):
     lines += ["\nloops:"] if robot.loops else []
     for number, loop in enumerate(robot.loops):
         lines += _item(_loop(loop, robot, cut.get(number)))
+    if robot.platform is not None:
+        lines += _block("\nplatform:", _platform(robot), "  ")
     frames = [told for frame in robot.frames if (told := _frame(frame, robot))]
     if frames:
         lines += ["\nframes:", *(f"  - {_mapping(frame)}" for frame in frames)]
@@ -118,6 +120,13 @@ def _loop(loop, robot, number):
     for key, end in (("moved", (link, placement)), ("closed_on", loop.closed_on)):
         entries.append(f"{key}: {_end(robot, *end)}")
     return [*entries, *told]
+
+
+def _platform(robot):
+    """The entries of the Platform; its inertia, limits and initial pose stand in the rows of its coordinates."""
+    names = ", ".join(_name(robot.joints[number].name) for number in robot.platform.joints)
+    free = ", ".join(robot.platform.free)
+    return [f"link: {_name(robot.links[robot.platform.link].name)}", f"coordinates: [{names}]", f"free: [{free}]"]
 
 
 def _end(robot, link, placement):

@@ -33,8 +33,9 @@ def write_par(robot, *, lossy=False):
     """The text of a Robot in the frames that it has; see `minimal_frames` for those with the fewest numbers.
 
     lossy: leave out what a .par cannot say (limits, joints that follow others, rest and damping of springs, springs
-    beside motors, initial positions, loops cut at ball joints) and tell so in comments, instead of raising. The inertia
-    of a base that stands enters no equation and has no place in the format either: it is left out, and a comment tells.
+    beside motors, initial positions, loops cut at ball joints, what the platform is) and tell so in comments, instead
+    of raising. The inertia of a base that stands enters no equation and has no place in the format either: it is left
+    out, and a comment tells.
     A cut joint that has friction, for which a .par has no place, is written as a joint of the tree, its loop as a weld.
 
     Raises DescriptionError where something would be lost, a name cannot stand in a comment, or a number is a symbol.
@@ -95,6 +96,11 @@ def losses(robot):
     tree = all(loop.ball for loop in robot.loops)
     if tree and "passive" in roles and roles <= {"passive", "elastic"}:
         lost.append("joints are passive, which is understood only where one joint at least is actuated")
+    if robot.platform is not None:
+        free = ", ".join(robot.platform.free)
+        lost.append(
+            f"link {_quoted(robot.links[robot.platform.link].name)} is the platform, and free to move by {free}"
+        )
     return lost
 
 

@@ -32,9 +32,9 @@ def write_urdf(robot, *, lossy=False):
     joints stand in the order of `robot.joints`. An infinite limit becomes UNLIMITED where URDF demands a number.
 
     Raises DescriptionError, with a list, where URDF cannot say all of it: rotor inertia, springs, joints without motor,
-    initial positions, loops, another gravity than EARTH, first moments without mass. With `lossy` this is left out, and
-    the list stands in a comment at the top; joints at which loops are cut stay, with their links without mass. Symbols
-    and names that XML cannot hold are always refused.
+    initial positions, loops, what the platform is, another gravity than EARTH, first moments without mass. With `lossy`
+    this is left out, and the list stands in a comment at the top; joints at which loops are cut stay, with their links
+    without mass. Symbols and names that XML cannot hold are always refused.
     """
     _check_names(robot)
     _check_numbers(robot)
@@ -122,6 +122,9 @@ def losses(robot):
     for loop in robot.loops:
         moved, closed_on = (robot.links[end.link].name for end in loop.ends)
         found.append(f"loop {loop.name!r}, which closes link {moved!r} on link {closed_on!r}")
+    if robot.platform is not None:
+        name, free = robot.links[robot.platform.link].name, ", ".join(robot.platform.free)
+        found.append(f"that link {name!r} is the platform, and free to move by {free}")
     for link in robot.links:
         if _centre_of_mass(link.inertia) is None:
             moments, mass = link.inertia.first_moments.tolist(), link.inertia.mass

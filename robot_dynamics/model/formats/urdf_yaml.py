@@ -17,7 +17,7 @@ from robot_dynamics.model.formats.text import read_path
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.model.formats.urdf_document import LARGEST_DESCRIPTION
 from robot_dynamics.model.formats.yaml_joints import objection_to_role, spring_told
-from robot_dynamics.model.formats.yaml_loops import read_loops
+from robot_dynamics.model.formats.yaml_loops import read_loops, told_loops
 from robot_dynamics.model.formats.yaml_numbers import YamlNumbers
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint
@@ -36,7 +36,8 @@ def read_urdf_document(document, values, moving_base, gravity):
     robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
     joints = _told_joints(numbers, robot)
     names = [link.name for link in robot.links]
-    cuts = read_loops(numbers, joints, names, {frame.name: (frame.link, frame.placement) for frame in robot.frames})
+    placed = {frame.name: (frame.link, frame.placement) for frame in robot.frames}
+    cuts = read_loops(document, told_loops(numbers), joints, names, placed)
     moved = enumerate(cuts.links, start=len(names))
     try:
         return replace(

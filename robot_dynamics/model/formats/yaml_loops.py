@@ -33,55 +33,82 @@ class Cuts(NamedTuple):
     links: list[str]
 
 
-def read_loops(numbers, joints, links, placed):
-    """The Cuts of the loops in the document of YamlNumbers; it may have none.
+class ToldLoop(NamedTuple):
+    """A loop as it is told.
+
+    told: its mapping; path: where it stands; numbers: YamlNumbers that know what its expressions come to; moved,
+    closed_on: the placements that lead to the frames at its ends, each (mapping, path), the first in its antecedent,
+    the next in the frame that this makes.
+    """
+
+    told: dict
+    path: tuple
+    numbers: object
+    moved: tuple
+    closed_on: tuple
+
+
+def told_loops(numbers):
+    """The ToldLoops in `loops` of the document of YamlNumbers; it may have none."""
+    found = []
+    for number, told in enumerate(numbers.document.data.get("loops", [])):
+        path = ("loops", number)
+        ends = (((told[key], (*path, key)),) for key in ("moved", "closed_on"))
+        found.append(ToldLoop(told, path, numbers, *ends))
+    return found
+
+
+def read_loops(document, loops, joints, links, placed):
+    """The Cuts of ToldLoops of a document.
 
     joints, links: the Joints of the tree and the names of its links, the base first; placed: {name: (number of the
     link, placement (4, 4) in its frame)} of all links and frames. Raises DescriptionError.
     """
-    return _Reader(numbers, joints, links, placed).read()
+    return _Reader(document, loops, joints, links, placed).read()
 
 
 class _Reader:
     """Walks the loops in their order; a loop may end on the links of those before it."""
 
-    def __init__(self, numbers, joints, links, placed):
-        self.numbers, self.document = numbers, numbers.document
+    def __init__(self, document, loops, joints, links, placed):
+        self.document, self.told = document, loops
         self.tree = len(joints)
         self.joints, self.links, self.placed = list(joints), list(links), dict(placed)
         self.joint_names = {joint.name for joint in joints}
-        self.told, frames = (self.document.data.get(key, []) for key in ("loops", "frames"))
+        frames = document.data.get("frames", [])
         self.later = {frame["frame"] for frame in frames}
-        others = (*self.told, *frames)
+        others = (*(loop.told for loop in loops), *frames)
         self.taken = {*placed, *self.later, *(told.get("link") for told in others)}
 
     def read(self):
         loops = {}
-        for number, told in enumerate(self.told):
-            name, path = told["joint"], ("loops", number)
+        for loop in self.told:
+            name = loop.told["joint"]
             if name in loops:
-                self.document.fail((*path, "joint"), f"loop {name!r} is there already: names must differ")
-            loops[name] = self._loop(told, path)
+                self.document.fail((*loop.path, "joint"), f"loop {name!r} is there already: names must differ")
+            self.numbers = loop.numbers
+            loops[name] = self._loop(loop)
         return Cuts(tuple(loops.values()), self.joints[self.tree :], self.links[self.tree + 1 :])
 
-    def _loop(self, told, path):
+    def _loop(self, loop):
+        told, path = loop.told, loop.path
         kind = told.get("type", "revolute")
         if kind in ("fixed", "spherical"):
             for key in OF_A_JOINT:
                 if key in told:
                     self.document.fail((*path, key), f"a loop of type {kind} has no joint variable: leave out {key}")
-            moved = self._end(told["moved"], (*path, "moved"))
+            moved = self._end(loop.moved)
         else:
-            moved = self._cut(told, path)
-        closed_on = self._end(told["closed_on"], (*path, "closed_on"))
-        loop = Loop(told["joint"], moved, closed_on, ball=kind == "spherical")
+            moved = self._cut(told, path, loop.moved)
+        closed_on = self._end(loop.closed_on)
+        found = Loop(told["joint"], moved, closed_on, ball=kind == "spherical")
         try:
-            check_loop(loop, len(self.links))
+            check_loop(found, len(self.links))
         except DescriptionError as error:
             self.document.fail(path, str(error))
-        return loop
+        return found
 
-    def _cut(self, told, path):
+    def _cut(self, told, path, moved):
         """The End at the joint of a loop, which is added to the tree with its link."""
         name = told["joint"]
         if name in self.joint_names:
@@ -98,7 +125,7 @@ class _Reader:
             self.document.fail((*path, "spring"), "role missing: elastic (the spring alone holds the joint)")
         if objection := objection_to_role(told.get("role"), spring):
             self.document.fail((*path, objection[0]), objection[1])
-        antecedent, placement = self._end(told["moved"], (*path, "moved"))
+        antecedent, placement = self._end(moved)
         known = {"antecedent": antecedent, "placement": placement, "prismatic": told.get("type") == "prismatic"}
         number = len(self.links)
         self.joints.append(joint_told(self.numbers, told, path, number, spring=spring, actuated=False, **known))
@@ -110,17 +137,16 @@ class _Reader:
         self.placed[link] = (number, np.eye(4))
         return End(number, np.eye(4))
 
-    def _end(self, told, path):
-        """The End at a frame, told by mdh or by xyz and rpy, in the frame of its antecedent."""
-        name = told["antecedent"]
+    def _end(self, places):
+        """The End at a frame that placements, told by mdh or by xyz and rpy, lead to from their antecedent."""
+        first, path = places[0]
+        name = first["antecedent"]
         if name not in self.placed:
             hint = unknown_link(name, self.placed, self.joints, self.links)
             if name in self.later:
                 hint = f"frame {name!r} is placed after the loops: its link is right, with the xyz and rpy of the frame"
             self.document.fail((*path, "antecedent"), hint)
-        twice = next((key for key in ("xyz", "rpy") if key in told and "mdh" in told), None)
-        if twice is not None:
-            self.document.fail((*path, twice), f"mdh and {twice} say the same twice: mdh is right, or xyz and rpy")
         link, frame = self.placed[name]
-        place = self.numbers.mdh if "mdh" in told else self.numbers.pose
-        return End(link, frame @ place(told, path))
+        for told, path in places:
+            frame = frame @ self.numbers.place(told, path)
+        return End(link, frame)

@@ -19,7 +19,7 @@ class YamlNumbers:
     """
 
     def __init__(self, document, values):
-        self.document = document
+        self.document, self.values = document, values
         self.names = self._parameters(document.data.get("parameters", {}), values)
 
     def _parameters(self, told, values):
@@ -39,6 +39,14 @@ class YamlNumbers:
                 hint = f". A parameter may refer to those above it only, not to {later}" if later else ""
                 self.document.fail(("parameters", name), f"{error}{hint}")
         return names
+
+    def with_values(self, values, path):
+        """The same with other values, {name: number or expression}, which stand at a path, for some parameters."""
+        told = self.document.data.get("parameters", {})
+        for name in values:
+            if name not in told:
+                self.document.fail((*path, name), f"value given for {unknown_name('parameter', name, told)}")
+        return YamlNumbers(self.document, {**self.values, **values}) if values else self
 
     def number(self, mapping, key, path, default=0.0):
         """The number under a key of the mapping that stands at a path."""
@@ -67,6 +75,13 @@ class YamlNumbers:
         for k, angle in enumerate(angles):
             self._check_angle(angle, (*path, "rpy", k))
         return placement(rotation_from_roll_pitch_yaw(*angles), self.vector(mapping, "xyz", path))
+
+    def place(self, mapping, path):
+        """The placement (4, 4) that a mapping tells, by `mdh` or by `xyz` and `rpy`."""
+        twice = next((key for key in ("xyz", "rpy") if key in mapping and "mdh" in mapping), None)
+        if twice is not None:
+            self.document.fail((*path, twice), f"mdh and {twice} say the same twice: mdh is right, or xyz and rpy")
+        return self.mdh(mapping, path) if "mdh" in mapping else self.pose(mapping, path)
 
     def _check_angle(self, angle, path):
         if abs(angle) > 2 * math.pi + 1e-9:

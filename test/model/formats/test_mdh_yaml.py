@@ -131,13 +131,6 @@ MISTAKES = {
         20,
         "unknown joint 'swin': did you mean",
     ),
-    "platform": (
-        "joints:",
-        "platform: {link: rod}\njoints:",
-        7,
-        11,
-        "platform can be described but not",
-    ),
     "tab": ("  l: 0.5", "\tl: 0.5", 3, 1, "Indent with spaces"),
     "bracket left open": ("[l, 0, 0]", "[l, 0, 0", 22, 61, "expected"),
     "alias": ("[m*l/2, 0, 0]", "*tip", 12, 20, "anchors and aliases are not read"),

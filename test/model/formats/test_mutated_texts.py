@@ -135,6 +135,20 @@ loops:
   - {joint: ball, type: spherical, moved: {antecedent: tool}, closed_on: {antecedent: base, xyz: [1, 0, 0]}}
 urdf: |
 """ + "".join(f"    {line}\n" for line in URDF.replace('<mimic joint="shoulder"/>', "").splitlines())
+LEGS = """\
+robot: legs
+parameters: {l: 0.5}
+legs:
+  - joints:
+      - {joint: hip, link: thigh, mdh: {theta: pi/2}, mass: 1, initial_position: l/10}
+      - {joint: knee, link: shin, mdh: {d: l}, role: passive, mass: 1}
+    loops: [{joint: stop, type: spherical, moved: {antecedent: shin}, closed_on: {antecedent: base_link}}]
+    end: {joint: ankle, moved: {mdh: {d: l}}}
+    copies:
+      - {base: {xyz: [0.5, 0, 0]}, platform: {xyz: [0.2, 0, 0]}}
+      - {suffix: _b, base: {antecedent: base_link}, platform: {mdh: {gamma: pi, d: 0.2}}, parameters: {l: 3}}
+platform: {link: plate, mass: 2, free: [x, y, yaw], initial: {rpy: [0, 0, 0.2]}, limits: {x: {lower: -0.1, upper: l}}}
+"""
 TEXTS = {
     "URDF": URDF,
     "MDH table": MDH,
@@ -142,6 +156,7 @@ TEXTS = {
     "loops": LOOPS,
     "URDF with loops": WITH_URDF,
     "par with loops": PAR_LOOPS,
+    "legs": LEGS,
 }
 WORDS = """
 { } [ ] ( ) : , ' " - # &a *a !!int --- ... < > </ &amp; &#0; <!DOCTYPE_x> <!-- ]]> = (* *) | ? % @ ~ null nan inf -inf

@@ -1,0 +1,100 @@
+"""The legs of a parallel robot in a YAML description: chains that are written once and stand there in copies.
+
+    legs:
+      - joints: [...]                                  # rows; the first hangs on the base of the copy
+        end: {joint: ball, type: spherical}            # how the last row meets the platform
+        copies:
+          - {base: {xyz: [1, 0, 0]}, platform: {xyz: [0.5, 0, 0]}}
+          - {base: {xyz: [-1, 0, 0]}, platform: {xyz: [-0.5, 0, 0]}}
+
+Each copy becomes rows and loops as others are, with a suffix to the names of its joints, links and loops.
+"""
+
+from typing import NamedTuple
+
+from robot_dynamics.model.formats.yaml_loops import ToldLoop
+
+
+class LegCopy(NamedTuple):
+    """One leg, told as if it stood there alone.
+
+    numbers: YamlNumbers that know the copy's own parameters; base: (mapping, path) of the frame that its first row
+    hangs on; rows: (mapping, path) of each row; loops: ToldLoops within it, and those by which it meets the platform.
+    """
+
+    numbers: object
+    base: tuple
+    rows: list
+    loops: list
+
+
+def leg_copies(numbers):
+    """The LegCopies of the document of YamlNumbers, in their order; it may have none. Raises DescriptionError."""
+    document = numbers.document
+    legs = document.data.get("legs", [])
+    if legs and "platform" not in document.data:
+        document.fail(("legs",), "platform missing: the link that the legs meet, platform: {link: ..., mass: ...}")
+    found = []
+    for number, leg in enumerate(legs):
+        path = ("legs", number)
+        if ("end" in leg) == ("ends" in leg):
+            document.fail(path, "how the leg meets the platform is told once: by end, or by ends where it is in many")
+        suffixes = []
+        for place, told in enumerate(leg["copies"]):
+            suffixes.append(told.get("suffix", f"_{place + 1}"))
+            if suffixes[-1] in suffixes[:-1]:
+                here = (*path, "copies", place, "suffix")
+                document.fail(here, f"suffix {suffixes[-1]!r} is there already: suffixes of copies must differ")
+            found.append(_copy(numbers, leg, path, place, suffixes[-1]))
+    return found
+
+
+def _copy(numbers, leg, path, place, suffix):
+    told, at = leg["copies"][place], (*path, "copies", place)
+    numbers = numbers.with_values(told.get("parameters", {}), (*at, "parameters"))
+    rename = _Renamed(leg, suffix)
+    rows = [(rename.row(row), (*path, "joints", k)) for k, row in enumerate(leg["joints"])]
+    loops = []
+    for number, loop in enumerate(leg.get("loops", [])):
+        here = (*path, "loops", number)
+        ends = (((rename.placed(loop[key]), (*here, key)),) for key in ("moved", "closed_on"))
+        loops.append(ToldLoop(rename.named(loop), here, numbers, *ends))
+    last, platform = rows[-1][0]["link"], numbers.document.data["platform"]["link"]
+    met = {"antecedent": platform, **told.get("platform", {})}, (*at, "platform")
+    for end, here in _ends(leg, path):
+        moved = {"antecedent": last, **rename.placed(end.get("moved", {}))}, (*here, "moved")
+        closed_on = end.get("closed_on", {}), (*here, "closed_on")
+        loops.append(ToldLoop(rename.named(end), here, numbers, (moved,), (met, closed_on)))
+    return LegCopy(numbers, (told.get("base", {}), (*at, "base")), rows, loops)
+
+
+def _ends(leg, path):
+    """(mapping, path) of each end of a leg."""
+    if "end" in leg:
+        return [(leg["end"], (*path, "end"))]
+    return [(end, (*path, "ends", number)) for number, end in enumerate(leg["ends"])]
+
+
+class _Renamed:
+    """Mappings of a leg with the suffix of a copy at the names that the leg gives, and no other."""
+
+    def __init__(self, leg, suffix):
+        self.suffix = suffix
+        told = [*leg["joints"], *leg.get("loops", []), *(end for end, _ in _ends(leg, ()))]
+        self.links, self.joints = ({one[key] for one in told if key in one} for key in ("link", "joint"))
+
+    def row(self, row):
+        row = self.placed(self.named(row))
+        if "mimic" in row and row["mimic"]["joint"] in self.joints:
+            row["mimic"] = {**row["mimic"], "joint": row["mimic"]["joint"] + self.suffix}
+        return row
+
+    def named(self, told):
+        """With other names of the joint and of the link that it moves."""
+        return {**told, **{key: told[key] + self.suffix for key in ("joint", "link") if key in told}}
+
+    def placed(self, told):
+        """With another name of the antecedent, where it is a link of the leg."""
+        return (
+            {**told, "antecedent": told["antecedent"] + self.suffix} if told.get("antecedent") in self.links else told
+        )

@@ -1,0 +1,53 @@
+"""Motor positions at which robots with loops can be: within limits, and of parallel robots where the platform is."""
+
+import numpy as np
+
+from robot_dynamics.model.platform import COORDINATES
+from robot_dynamics.newton_euler.loops import loop_equations
+
+STRIDES = 6  # on the way from the positions that are known
+ITERATIONS = 6
+
+
+def limits_of(dynamics):
+    """(2, n): lower and upper limits of the joints of a Dynamics, within ±2 where there are none."""
+    limits = [dynamics.robot.joints[dynamics.robot.joint_numbers[name]].limits for name in dynamics.joint_names]
+    told = np.array([(limit.lower, limit.upper) for limit in limits]).T
+    return np.where(np.isfinite(told), told, [[-2.0], [2.0]])
+
+
+def free_coordinates(robot):
+    """(numbers of the joints that are the free coordinates of the platform, their limits (2, f))."""
+    numbers = [robot.platform.joints[COORDINATES.index(name)] for name in robot.platform.free]
+    limits = [robot.joints[number].limits for number in numbers]
+    return numbers, np.array([(limit.lower, limit.upper) for limit in limits]).T
+
+
+def closed_at_poses(dynamics, poses):
+    """Positions (N, all joints) with the free coordinates of the platform at poses (N, f), loops closed from the
+    configuration that is known by Newton's method with steps of least length."""
+    robot, (numbers, _) = dynamics.robot, free_coordinates(dynamics.robot)
+    moving = sorted(robot.looped - {*numbers})
+    q = np.tile(dynamics.closed_positions, (len(poses), 1))
+    start = q[:, numbers]
+    for share in np.linspace(0, 1, STRIDES)[1:]:
+        q[:, numbers] = start + share * (poses - start)
+        for _ in range(ITERATIONS):
+            equations = loop_equations(robot, q)
+            inverse = np.linalg.pinv(equations.jacobian[..., moving], rcond=1e-9)
+            q[:, moving] -= (inverse @ equations.residual[..., None])[..., 0]
+    return q
+
+
+def reachable(dynamics, count, rng):
+    """(count, n) random positions of the joints of a Dynamics, within their limits; of a parallel robot the motors of
+    the legs are where the platform is somewhere in its own limits."""
+    q = rng.uniform(*limits_of(dynamics), (count, len(dynamics.joint_names)))
+    robot = dynamics.robot
+    if robot.platform is not None:
+        _, limits = free_coordinates(robot)
+        everyone = closed_at_poses(dynamics, rng.uniform(*limits, (count, limits.shape[1])))
+        for place, name in enumerate(dynamics.joint_names):
+            if robot.joint_numbers[name] in robot.looped:
+                q[:, place] = everyone[:, robot.joint_numbers[name]]
+    return q
