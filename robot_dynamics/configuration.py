@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 
-from robot_dynamics.answer import SINGULAR
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.coupling import coupling
@@ -17,6 +16,9 @@ from robot_dynamics.newton_euler.mobility import CLOSES, NEARLY, widest
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 from robot_dynamics.question import finite
 
+# The least quality of a configuration whose rates mean something. Next to a singular position a deviation δ leaves a
+# residual of δ² only, and the quality is about δ²: this is what positions within CLOSES of one have, and some more.
+UNPLACED = 10 * CLOSES
 SAMPLES_AT_ONCE = 2000  # whose loops are closed together: as many as a cache has place for
 
 
@@ -80,7 +82,10 @@ class Configurations:
             if everyone.ndim and everyone.shape[-1] == len(self._names):
                 return self._with_seed(everyone)
         names = ", ".join(self._names[number] for number in self.independent)
-        return finite("positions", q, len(self.independent), f"joints ({names})"), None
+        joints = f"joints ({names})"
+        if self.robot.loops:
+            joints += f", or (..., {len(self._names)}), one for each of all joints ({', '.join(self._names)})"
+        return finite("positions", q, len(self.independent), joints), None
 
     def _with_seed(self, q):
         """Positions of all joints, in which nan may stand for those that loops place."""
@@ -117,7 +122,7 @@ class Configurations:
         q, _ = self.checked(q)
         with self._steps() as step:
             found = self._coupling.reached(q, step)
-        return self._everyone(found.t), found.closes & (found.quality > SINGULAR) & ~found.crossed
+        return self._everyone(found.t), found.closes & (found.quality > UNPLACED) & ~found.crossed
 
     def followed(self, q):
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
@@ -129,7 +134,8 @@ class Configurations:
         with self._steps() as step:
             for sample in range(len(q)):
                 if sample:
-                    closed = self._coupling.along(found[-1], q[sample, None], step)
+                    came = found[-2] if sample > 1 else None
+                    closed = self._coupling.along(found[-1], q[sample, None], step, came=came)
                 else:
                     closed = self._coupling.found(q[:1], None if seed is None else seed[:1], step)
                 self._refuse_open(closed, sample, many=True)
@@ -169,7 +175,7 @@ class Configurations:
 
         found: Closed; first: what the first sample is called, where there are many.
         """
-        good = found.closes & (found.quality > SINGULAR) & ~found.crossed
+        good = found.closes & (found.quality > UNPLACED) & ~found.crossed
         if good.all():
             return
         sample, left = np.argmin(good), np.abs(found.residual).max(axis=-1)
@@ -178,12 +184,14 @@ class Configurations:
             condition = f"(condition number {self._coupling.condition(found.t[sample]):.3g})"
             name, distance, angle = widest(self.robot, found.residual[sample])
         if not left[sample] <= CLOSES:
-            nearly = left[sample] < NEARLY and "; if it is meant to close there, its axes or lengths are not exact"
+            hint = ". These positions are out of reach, or need a seed of all joints nearer to where it closes"
+            if left[sample] < NEARLY:
+                hint = "; if it is meant to close there, its axes or lengths are not exact"
             raise SingularModelError(
                 f"loop {name!r} does not close{where}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
-                f"{condition}{nearly or '. These positions are out of reach, or need a seed nearer to where it closes'}"
+                f"{condition}{hint}"
             )
-        if not found.quality[sample] > SINGULAR:
+        if not found.quality[sample] > UNPLACED:
             placed = ", ".join(self._names[number] for number in self.dependent)
             raise SingularModelError(
                 f"loop {name!r} is singular{where}: it closes (residual {left[sample]:.2g}), but does not tell where "
@@ -191,7 +199,7 @@ class Configurations:
             )
         raise SingularModelError(
             f"the loops close{where} in another assembly mode than at the initial positions {condition}: a singular "
-            "position lies between. Give the positions of all joints, near those that are meant"
+            "position lies between, or nearly. Give the positions of all joints, near those that are meant"
         )
 
 

@@ -34,12 +34,12 @@ def add_arguments(parser):
 def run(told):
     robot = robot_of(told)
     program = _program(told, robot)
-    names = Dynamics(robot).joint_names
+    names, others = _joints(told, robot)
     if told.lang == "c":
-        header, source = c_source(program, told.prefix, names)
+        header, source = c_source(program, told.prefix, names, others)
         texts = {f"{c_name(program, told.prefix)}.h": header, f"{c_name(program, told.prefix)}.c": source}
     else:
-        texts = {f"{c_name(program, told.prefix)}.py": python_source(program, names)}
+        texts = {f"{c_name(program, told.prefix)}.py": python_source(program, names, others)}
     for name, text in texts.items():
         path = Path(told.output) / name
         try:
@@ -48,6 +48,18 @@ def run(told):
         except OSError as error:
             raise DescriptionError(f"{path} cannot be written: {error.strerror}") from None
         print(f"{path}: {program.name} of {robot.name!r}, {program.operations}")
+
+
+def _joints(told, robot):
+    """The names of the joints of joint vectors, and (sentence, names) of vectors that have other ones."""
+    dynamics = Dynamics(robot)
+    if not robot.loops:
+        return dynamics.joint_names, ()
+    if told.model == "closure":
+        leading = tuple(joint.name for joint in robot.joints if joint.mimic is None)
+        placed = tuple(name for name in leading if name in dynamics.looped_joint_names)
+        return (), (("Joints of q, by the place of their entry", leading), ("Joints of step", placed))
+    return dynamics.joint_names, (("q has all joints, at positions that close the loops", dynamics.all_joint_names),)
 
 
 def _program(told, robot):

@@ -25,6 +25,12 @@ LONGEST_STRIDE = 0.15  # [rad or characteristic lengths] on the way from the clo
 FINER = 5  # times as many strides where these lead astray
 MOST_STRIDES = 300
 ITERATIONS_ON_THE_WAY = 3
+BEND = 0.4  # of a stride: how far beside the end to which it points it may come
+NO_BEND = (
+    1e-3  # [rad or characteristic lengths] more, which is what strides leave open and rounding beside singular ones
+)
+HALVES = 30  # of the way to a dead centre
+FARTHEST = 4.0  # times the last stride of a trajectory, how far ahead it points
 CLOSED_ON_THE_WAY = 1e-4  # residual at which a stride has come far enough: the next one begins with an error anyway
 BLOCKED = 0.01  # residual at which there is no way on
 
@@ -34,7 +40,8 @@ class Closed(NamedTuple):
 
     residual: (N, rows); quality: (N,) the least part of the squared length of a column of J_d that is its own, 0 where
     J_d is singular; placing: (N, dependent, dependent) as of `Coupling.step`; crossed: (N,) whether a singular position
-    lies between them and where they were sought from.
+    lies between them and where they were sought from; bent: (N,) whether the way to them had a bend within a stride, as
+    where it turns into another branch at a singular one.
     """
 
     t: np.ndarray
@@ -42,6 +49,7 @@ class Closed(NamedTuple):
     quality: np.ndarray
     placing: np.ndarray
     crossed: np.ndarray
+    bent: np.ndarray
 
     @property
     def closes(self):
@@ -161,10 +169,16 @@ class Coupling:
         joints left out, along the straight way from there to q (N, n), or around. step: as for `near`."""
         target, start = self._without_turns(q), np.broadcast_to(self.closed, (len(q), len(self.free)))
         found = self._in_mode(self.along(start, target, step))
-        for way in (self._straight, self._joint_by_joint, partial(self._joint_by_joint, backwards=True)):
-            again = np.flatnonzero(found.crossed | ~found.closes)
+        everyone, around = np.ones(len(q), dtype=bool), partial(self._joint_by_joint, backwards=True)
+        for way, whose in (
+            (self._straight, everyone),
+            (self._by_halves, found.bent),
+            (self._joint_by_joint, everyone),
+            (around, everyone),
+        ):
+            again = np.flatnonzero(whose & (found.crossed | ~found.closes))
             if not len(again):
-                break
+                continue
             other = self._in_mode(way(start[again], target[again], step))
             better = ~other.crossed & other.closes
             for values, now in zip(found, other, strict=True):
@@ -178,38 +192,73 @@ class Coupling:
 
     def _joint_by_joint(self, start, target, step, backwards=False):
         """As `along`, one independent joint after the other: around positions at which the loops cannot close."""
-        places = np.arange(target.shape[1])
+        places, bent = np.arange(target.shape[1]), False
         for place in places[::-1] if backwards else places:
             corner = start[:, self.chosen]
             corner[:, place] = target[:, place]
             found = self.along(start, corner, step)
-            start = found.t
-        return found
+            start, bent = found.t, bent | found.bent
+        return found._replace(bent=bent)
+
+    def _by_halves(self, start, target, step):
+        """`along`, with strides that halve what is left: up to a dead centre, before which the way bends ever more."""
+        first, bent = start[:, self.chosen], False
+        for share in (*0.5 ** np.arange(1, HALVES), 0.0):
+            found = self.along(start, target + share * (first - target), step, LONGEST_STRIDE / FINER)
+            start, bent = found.t, bent | found.bent
+        return found._replace(bent=bent)
 
     def _in_mode(self, found):
-        return found._replace(crossed=~(np.linalg.det(found.placing) > 0))
+        return found._replace(crossed=~(np.linalg.det(found.placing) > 0) | found.bent)
 
-    def along(self, t, q, step=None, longest=LONGEST_STRIDE):
+    def along(self, t, q, step=None, longest=LONGEST_STRIDE, came=None):
         """The Closed positions at the end of the straight way from closed positions t (N, m) to q (N, n).
 
         Strides are at most `longest` [rad or characteristic lengths] but for MOST_STRIDES, and begin where the last one
-        points to.
+        points to; the first where the way from positions `came` (N, m) to t points to, if told.
         """
-        step, start, before = step or self.step, t[:, self.chosen], t
+        step, start = step or self.step, t[:, self.chosen]
         strides = np.ceil(np.abs((q - start) / self._reach[self.chosen]).max(initial=0) / longest)
-        for share in np.linspace(0, 1, int(min(strides, MOST_STRIDES)) + 1)[1:-1]:
-            t, before = 2 * t - before, t
-            t[:, self.chosen] = start + share * (q - start)
-            t, found = newton(step, t, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY)
+        strides = max(1, int(min(strides, MOST_STRIDES)))
+        before = t - (self._tangent_way(t, q) if came is None else self._ahead(came, t, q)) / strides
+        bent = np.zeros(len(t), dtype=bool)
+        for share in np.linspace(0, 1, strides + 1)[1:-1]:
+            ahead, before = 2 * t - before, t
+            ahead[:, self.chosen] = start + share * (q - start)
+            t, found = newton(step, ahead, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY)
+            bent |= self._bend(before, ahead, t)
             if (np.abs(found[0]).max(axis=-1) > BLOCKED).all():
                 break  # no sample gets through
-        t = 2 * t - before
-        t[:, self.chosen] = q
-        return self._closed(t, step)
+        ahead = 2 * t - before
+        ahead[:, self.chosen] = q
+        found = self._closed(ahead, step)
+        return found._replace(bent=bent | self._bend(t, ahead, found.t))
+
+    def _tangent_way(self, t, q):
+        """(N, m) the way from t to q (N, n) along the tangent."""
+        way = np.zeros_like(t)
+        way[:, self.chosen] = q - t[:, self.chosen]
+        G = self.tangent(t @ self.S.T + self.offset)[0]
+        way[:, self.placed] = apply(G, way[:, self.chosen])[:, self.dependent]
+        return np.nan_to_num(way)
+
+    def _ahead(self, came, t, q):
+        """(N, m) how far the way from `came` to t leads, if it goes on as it came as far as q (N, n) is away."""
+        unit = self._reach[self.chosen]
+        moved, left = (t - came)[:, self.chosen] / unit, (q - t[:, self.chosen]) / unit
+        length = np.sum(moved**2, axis=-1)
+        share = np.sum(moved * left, axis=-1) / np.where(length > 0, length, np.inf)
+        return np.clip(share, -FARTHEST, FARTHEST)[:, None] * (t - came)
+
+    def _bend(self, before, ahead, t):
+        """(N,) whether a stride from `before` that pointed to `ahead` has come to t far beside it."""
+        stride, beside = np.abs((ahead - before) / self._reach), np.abs((t - ahead) / self._reach)
+        return beside.max(axis=-1) > BEND * stride.max(axis=-1) + NO_BEND
 
     def _closed(self, t, step):
         t, (residual, _, pivots, lengths, placing) = newton(step, t, self.placed, self._longest)
-        return Closed(t, residual, (pivots / lengths).min(axis=-1), placing, np.zeros(len(t), dtype=bool))
+        nothing = np.zeros(len(t), dtype=bool)
+        return Closed(t, residual, (pivots / lengths).min(axis=-1), placing, nothing, nothing)
 
     def _dependent_jacobian(self, t):
         """J_d (rows, dependent) at positions t (m,)."""
@@ -265,7 +314,8 @@ def coupling(robot):
         offset[number] = shift
     if not robot.loops:
         return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None)
-    placed, closed = mobility(robot, S, offset, free)
+    with np.errstate(all="ignore"):  # ends half a turn apart: what does not close is refused
+        placed, closed = mobility(robot, S, offset, free)
     return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed).oriented()
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.loops import loop_equations, rows_of_loops
 
@@ -19,6 +20,7 @@ CLOSES = 1e-11  # residual at which a loop is closed [characteristic lengths, ra
 NEARLY = 1e-3  # and at which it may be meant to be
 WELL_CONDITIONED = 1e3
 ATTEMPTS = 60  # configurations from which closing the loops is tried
+AXES = "the axis of the joint at which a loop is cut is z of both its frames and points the same way: turn them by rpy"
 VARIATIONS = 4  # configurations beside the first in which the rank is taken
 
 
@@ -131,15 +133,21 @@ def _refuse(robot, free, looped, rank, what):
     motors = sum(joints[k].actuated for k in looped)
     mobility = len(looped) - rank
     names = ", ".join(repr(joints[k].name) for k in looped)
+    right = f"Of these joints {mobility} that move independently are to be actuated or elastic, the others passive"
+    if not mobility:
+        right = f"Closed like this nothing moves: a joint is missing, or an axis is wrong; {AXES}"
     raise DescriptionError(
         f"robot {robot.name!r}: the joints of its loops ({names}) have mobility {mobility} and {motors} motors: "
-        f"{what}. Of these joints {mobility} that move independently are to be actuated or elastic, the others passive"
+        f"{what}. {right}"
     )
 
 
 def _refuse_open(robot, residual):
     name, distance, angle = widest(robot, residual)
+    cut = {robot.loops[number].name for number in cut_joints(robot)}
     hint = "give initial_position to their joints near where they are closed, and check lengths and placements"
+    if angle > distance / robot.characteristic_length and name in cut:
+        hint = f"{AXES}, and give initial_position to their joints near where they are closed"
     if np.abs(residual).max() < NEARLY:
         hint = "axes that are meant to be parallel must be so to the last digit: write pi/2 for 1.5708, or snap them"
     raise DescriptionError(
@@ -149,7 +157,11 @@ def _refuse_open(robot, residual):
 
 
 def widest(robot, residual):
-    """(name of the loop that is open widest, distance [m], angle [rad] between its ends), for a residual (rows,)."""
+    """(name of the loop that is open widest, distance [m], angle [rad] between its ends), for a residual (rows,).
+
+    Of ends that are half a turn apart the residual is no number.
+    """
+    residual = np.nan_to_num(residual, nan=np.inf, posinf=np.inf, neginf=-np.inf)
     unit, start, told = robot.characteristic_length, 0, []
     for loop, rows in zip(robot.loops, rows_of_loops(robot), strict=True):
         part = residual[start : start + rows]

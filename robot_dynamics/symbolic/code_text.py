@@ -172,7 +172,13 @@ def _array_comment(name, size, units, rows=""):
     return f"{harmless(name)}: {size} number{'s' * (size != 1)}{rows}{unit}"
 
 
-def joints_comment(joint_names):
-    """Lines that tell which entry of a joint vector belongs to which joint."""
-    told = ", ".join(f"{place} {harmless(name)}" for place, name in enumerate(joint_names))
-    return textwrap.wrap(f"Joints, by the place of their entry: {told}.", 100) if joint_names else []
+def joints_comment(joint_names, others=()):
+    """Lines that tell which entry of a joint vector belongs to which joint.
+
+    others: (sentence, names), of vectors that have other joints.
+    """
+    lines = []
+    for sentence, names in (("Joints, by the place of their entry", joint_names), *others):
+        told = ", ".join(f"{place} {harmless(name)}" for place, name in enumerate(names))
+        lines += textwrap.wrap(f"{sentence}: {told}.", 100) if names else []
+    return lines

@@ -200,6 +200,22 @@ def test_generated_c_compiles_without_a_warning(model, tmp_path, capsys):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize("lang", ["c", "python"])
+def test_generated_code_of_a_robot_with_loops_names_the_entries_of_q(lang, tmp_path, capsys):
+    for model in ("inverse", "closure"):
+        assert main(["generate", "four_bar", "--model", model, "--lang", lang, "--output", str(tmp_path)]) == 0
+    dynamics = Dynamics(load_robot("four_bar"))
+    told, closure = (
+        " ".join((tmp_path / f"{name}.{'h' if lang == 'c' else 'py'}").read_text().replace(" * ", "").split())
+        for name in ("inverse", "closure")
+    )
+    everyone = ", ".join(f"{place} {name}" for place, name in enumerate(dynamics.all_joint_names))
+    placed = ", ".join(f"{place} {name}" for place, name in enumerate(dynamics.looped_joint_names))
+    assert "Joints, by the place of their entry: 0 crank." in told
+    assert f"q has all joints, at positions that close the loops: {everyone}." in told
+    assert f"Joints of q, by the place of their entry: {everyone}. Joints of step: {placed}." in closure
+
+
 def test_generate_says_what_is_missing_or_has_no_meaning(tmp_path, capsys):
     assert "needs --frame" in refused(["generate", "ur5e", "--model", "pose"], capsys)
     assert "unknown link 'tol0': did you mean 'tool0'" in refused(

@@ -9,7 +9,7 @@ from peers.four_bar import random_four_bar
 from peers.loop_states import mobility
 from peers.random_loops import random_loops
 
-from robot_dynamics import DescriptionError, Dynamics, SingularModelError, load_robot
+from robot_dynamics import DescriptionError, Dynamics, QuestionError, SingularModelError, load_robot
 from robot_dynamics.model.joint import Mimic, Spring
 from robot_dynamics.model.loop import End, Loop
 from robot_dynamics.model.placement import placement
@@ -136,3 +136,110 @@ def test_two_loops_of_one_name_and_ends_that_are_nowhere_are_refused():
         replace(robot, loops=(Loop("other", End(17, np.eye(4)), End(0, np.eye(4))),))
     with pytest.raises(DescriptionError, match="closes nothing"):
         replace(robot, loops=(Loop("other", End(1, np.eye(4)), End(1, np.eye(4))),))
+
+
+# two motors at the base, one of them through a parallelogram: the forearm stays opposite to the second one
+ARM = """\
+robot: arm
+parameters: {l: 0.5, c: 0.15}
+joints:
+  - {joint: m1, link: upper, mdh: {alpha: pi/2}, mass: 2, first_moments: [l, 0, 0]}
+  - {joint: elbow, link: fore, mdh: {d: l}, role: passive, initial_position: -pi/2, mass: 1}
+  - {joint: m2, link: crank, antecedent: base_link, mdh: {alpha: pi/2}, mass: 1}
+  - {joint: pin, link: rod, mdh: {d: c}, role: passive, initial_position: -pi/2, mass: 1}
+loops:
+  - joint: rear
+    moved: {antecedent: rod, xyz: [l, 0, 0]}
+    closed_on: {antecedent: fore, xyz: [-c, 0, 0]}
+"""
+
+
+def crossed(q):
+    """(...) how far the forearm of ARM is from being opposite to the second motor [0 to 2]."""
+    return np.abs(np.exp(1j * (q[..., 0] + q[..., 1])) + np.exp(1j * q[..., 2]))
+
+
+def test_no_answer_is_in_a_mode_into_which_the_way_turned_at_a_singular_position():
+    """A parallelogram crosses itself where all links are on one line: answers beyond are its own, or refused."""
+    dynamics = Dynamics(load_robot(ARM), compiled=False)
+    refused = 0
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (300, 2)):
+        try:
+            assert crossed(dynamics.expand(q)) < 1e-9
+        except SingularModelError as error:
+            assert "another assembly mode" in str(error) or "is singular" in str(error)
+            refused += 1
+    assert 100 < refused < 200  # what lies beyond the singular position
+
+
+@pytest.mark.parametrize("samples", [20, 50, 200, 201, 1000])
+@pytest.mark.parametrize("to", [(0.7, -1.0), (2.7, -2.5), (2.0, 1.0)])
+def test_trajectories_go_on_smoothly_through_singular_positions(samples, to):
+    way = Dynamics(load_robot(ARM), compiled=False).follow(np.linspace([0.7, 2.5], to, samples))
+    assert crossed(way).max() < 1e-8
+
+
+def test_next_to_a_singular_position_nothing_is_answered():
+    """Closed to the last digit, but a direction that rounding chose: rates from there would mean nothing."""
+    dynamics = Dynamics(load_robot(ARM), compiled=False)
+    with pytest.raises(SingularModelError, match="sample 19: it closes"):
+        dynamics.follow(np.linspace([0.7, 2.5], [0.7, 0.7], 20))
+    crank = Dynamics(load_robot(SLIDER), compiled=False)
+    with pytest.raises(SingularModelError, match="does not tell where crank, pin, end are"):
+        crank.inverse([0.4], [0.0], [0.0])
+
+
+@pytest.mark.parametrize("robot", [ARM, "four_bar", "irb460", "bricard"])
+def test_positions_next_to_the_initial_ones_are_answered(robot):
+    dynamics = Dynamics(load_robot(robot), compiled=False)
+    places = [dynamics.all_joint_names.index(name) for name in dynamics.joint_names]
+    q = dynamics._configurations.known[places]
+    for away in (0.0, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3):
+        np.testing.assert_allclose(dynamics.expand(q + away)[places], q + away, atol=1e-15)
+
+
+@pytest.mark.parametrize("short", 10.0 ** -np.arange(1, 9))
+def test_positions_up_to_a_dead_centre_are_answered(short):
+    position = 0.4 - short
+    (force,) = Dynamics(load_robot(SLIDER), compiled=False).inverse([position], [0.0], [0.0])
+    angle = 2 * np.arcsin(np.sqrt((0.3**2 - (position - 0.1) ** 2) / (4 * 0.1 * position)))  # the half-angle formula
+    slope = -0.1 * np.sin(angle) * (1 + 0.1 * np.cos(angle) / np.sqrt(0.3**2 - (0.1 * np.sin(angle)) ** 2))
+    assert abs(force) == pytest.approx(abs(9.81 * 0.05 * np.cos(angle) / slope), rel=1e-6)
+
+
+SLIDER = """\
+robot: slider
+joints:
+  - {joint: crank, link: crank, mdh: {alpha: pi/2}, role: passive, mass: 1, first_moments: [0.05, 0, 0]}
+  - {joint: pin, link: rod, mdh: {d: 0.1}, role: passive}
+  - {joint: slide, type: prismatic, link: piston, antecedent: base_link, mdh: {gamma: pi/2, alpha: pi/2},
+     initial_position: 0.3, mass: 2}
+loops:
+  - {joint: end, moved: {antecedent: rod, xyz: [0.3, 0, 0]}, closed_on: {antecedent: piston, rpy: [0, -pi/2, 0]}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("rpy", "said"),
+    [
+        ("", r"and 1\.57 rad apart; the axis of the joint at which a loop is cut is z of both its frames"),
+        (", rpy: [0, pi/2, 0]", r"and 3\.14 rad apart; the axis of the joint at which a loop is cut is z of both"),
+    ],
+)
+def test_axes_of_a_cut_joint_that_do_not_meet_are_pointed_out(rpy, said, recwarn):
+    with pytest.raises(DescriptionError, match=said):
+        Dynamics(load_robot(SLIDER.replace(", rpy: [0, -pi/2, 0]", rpy)))
+    assert not recwarn.list
+
+
+def test_loops_that_nothing_can_move_point_to_their_axes():
+    lengthwise = SLIDER.replace("xyz: [0.3, 0, 0]", "xyz: [0.3, 0, 0], rpy: [0, pi/2, 0]").replace("-pi/2, 0]", "0, 0]")
+    with pytest.raises(DescriptionError, match=r"mobility 0 and 1 motors.*a joint is missing, or an axis is wrong"):
+        Dynamics(load_robot(lengthwise))
+
+
+def test_positions_of_the_wrong_number_are_told_both_that_are_right():
+    with pytest.raises(
+        QuestionError, match=r"shape \(4,\): \(\.\.\., 2\) is needed.*or \(\.\.\., 5\), one for each of"
+    ):
+        Dynamics(load_robot(ARM)).expand([0.7, -1.3, 2.5, -1.8])
