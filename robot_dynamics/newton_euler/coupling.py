@@ -204,15 +204,18 @@ class Coupling:
 
     def _without_turns(self, q):
         """q with the whole turns taken off by which revolute joints are away from the configuration that is known; not
-        where both are within their limits, which tell which way round leads there."""
+        where both are within their limits, which tell which way round leads there. Joints that move none of a loop stay
+        where they are known."""
         known, turning = self.closed[self.chosen], [not joint.prismatic for joint in self.robot.joints]
-        moved = [self.S[:, k] != 0 for k in self.chosen]  # with those that follow it a joint comes back to where it was
+        looped = np.isin(np.arange(len(self.S)), list(self.robot.looped))
+        moved = [looped & (self.S[:, k] != 0) for k in self.chosen]  # with those that follow it a joint comes back
         back = np.array([np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
                 for k, rows in zip(self.chosen, moved, strict=True)], dtype=bool)  # fmt: skip
         limits = [self.robot.joints[number].limits for number in self.independent]
         lower, upper = np.array([(limit.lower, limit.upper) for limit in limits]).reshape(-1, 2).T
         inside = np.isfinite(upper - lower) & (lower <= q) & (q <= upper) & (lower <= known) & (known <= upper)
-        return q - np.where(back & ~inside, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
+        near = q - np.where(back & ~inside, 2 * np.pi * np.round((q - known) / (2 * np.pi)), 0.0)
+        return np.where(np.array([rows.any() for rows in moved], dtype=bool), near, known)
 
 
 def coupling(robot):
