@@ -327,7 +327,10 @@ class Dynamics:
 
     def expand_rates(self, qd, q=None):
         """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`."""
-        return self._somewhere(q).rates(self._joints("velocities", qd))
+        qd, configuration = self._joints("velocities", qd), self._somewhere(q)
+        with np.errstate(all="ignore"):
+            found = configuration.rates(qd)
+        return filled(found, found.shape[:-1])
 
     def expand_accelerations(self, qdd, q=None, qd=None):
         """Accelerations (..., all joints) of all joints, from those of the independent ones.
@@ -337,8 +340,10 @@ class Dynamics:
         configuration, qdd = self._somewhere(q), self._joints("accelerations", qdd)
         if self.robot.loops and qd is None:
             raise QuestionError("accelerations of joints in loops depend on velocities: give qd")
-        drift = configuration.drift(configuration.rates(self._joints("velocities", qd))) if self.robot.loops else 0
-        return configuration.rates(qdd) + drift
+        with np.errstate(all="ignore"):
+            drift = configuration.drift(configuration.rates(self._joints("velocities", qd))) if self.robot.loops else 0
+            found = configuration.rates(qdd) + drift
+        return filled(found, found.shape[:-1])
 
     def gather_efforts(self, efforts, q=None):
         """What efforts (..., all joints) amount to on the independent joints (..., n). q: as for `friction`."""

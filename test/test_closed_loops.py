@@ -14,9 +14,10 @@ from peers.maximal_coordinates import MaximalCoordinates
 from peers.pinocchio_loops import PinocchioLoops
 from peers.random_loops import random_loops, random_placement
 
-from robot_dynamics import Base, Dynamics, SingularModelError
-from robot_dynamics.model.joint import Spring
+from robot_dynamics import Base, Dynamics, QuestionError, SingularModelError
+from robot_dynamics.model.joint import Mimic, Spring
 from robot_dynamics.model.minimal_frames import minimal_frames
+from robot_dynamics.model.robot import Frame
 
 LINKAGES = {"four_bar": random_four_bar, "five_bar": random_five_bar}
 
@@ -321,3 +322,53 @@ def test_positions_too_far_for_numbers_are_refused(far):
     for q in (everyone[: len(dynamics.joint_names)], everyone, partly):
         with pytest.raises(SingularModelError, match="does not close"):
             dynamics.expand(q)
+
+
+def test_positions_keep_their_whole_turns():
+    """Springs count them: of joints that are given, and of those that are told."""
+    linkage = random_four_bar(2, friction=False)
+    dynamics = Dynamics(linkage.robot(linkage.independent), compiled=False)
+    q = np.array([[0.3], [0.3 + 6 * np.pi], [0.3 - 40 * np.pi]])
+    found = dynamics.expand(q)
+    assert np.abs(found[:, 0] - q[:, 0]).max() < 1e-15 and np.abs(found[:, 1:] - found[0, 1:]).max() < 1e-9
+    turned = found[0] + 2 * np.pi * np.array([3, -5, 7, 1])
+    assert np.abs(dynamics.expand(turned) - turned).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_followers_outside_of_loops_do_not_keep_turns_from_being_taken_off(seed):
+    """A gear of any ratio at the crank, and a slide elsewhere, both a thousand turns and metres away."""
+    linkage = random_four_bar(seed, friction=False)
+    plain = linkage.robot(linkage.independent)
+    joints = [
+        replace(plain.joints[0], name=name, antecedent=0, prismatic=prismatic, mimic=mimic)
+        for name, prismatic, mimic in (("gear", False, Mimic("crank", 0.37)), ("slide", True, None))
+    ]
+    links = [replace(plain.links[1], name=name) for name in ("gear", "slide")]
+    frames = [Frame(link.name, 5 + number, np.eye(4)) for number, link in enumerate(links)]
+    robot = replace(plain, joints=(*plain.joints, *joints), links=(*plain.links, *links),
+                    frames=(*plain.frames, *frames))  # fmt: skip
+    dynamics, q = Dynamics(robot, compiled=False), np.random.default_rng(seed).uniform(-3, 3, 8)
+    assert dynamics.joint_names == ("crank", "slide")
+    found = dynamics.expand(np.stack([q + 2000 * np.pi, 1e6 * q], axis=-1))
+    turns = (found[:, :4] - [linkage.positions(crank) for crank in q[:, None]]) / (2 * np.pi)
+    assert np.abs(turns - np.round(turns)).max() < 1e-11
+    np.testing.assert_allclose(found[:, 4:], np.stack([0.37 * (q + 2000 * np.pi), 1e6 * q], axis=-1), rtol=1e-14)
+
+
+def test_a_trajectory_that_leaves_where_loops_close_names_its_sample():
+    linkage = replace(random_four_bar(1, friction=False), crank=0.6, coupler=0.5, rocker=0.4, ground=0.8)
+    dynamics = Dynamics(linkage.robot(0.5), compiled=False)
+    way = np.linspace(0.5, 2.5, 21)[:, None]
+    reach = np.arccos((0.6**2 + 0.8**2 - 0.9**2) / (2 * 0.6 * 0.8))  # coupler and rocker on one line
+    with pytest.raises(SingularModelError, match=f"at sample {int(np.sum(way < reach))}:"):
+        dynamics.follow(way)
+    assert len(dynamics.follow(way[way[:, 0] < reach])) == np.sum(way < reach)
+
+
+def test_rates_beyond_all_numbers_are_refused():
+    looped = random_loops(0)
+    dynamics = Dynamics(looped.robot, compiled=False)
+    large, rest = np.full(len(dynamics.joint_names), 1e308), np.zeros(len(dynamics.joint_names))
+    with pytest.raises(QuestionError, match="no finite number"):
+        dynamics.expand_accelerations(rest, looped.q, large)

@@ -282,19 +282,26 @@ class Coupling:
 
     def _without_turns(self, q):
         """q with the whole turns taken off by which revolute joints are away from the configuration that is known; not
-        where both are within their limits, which tell which way round leads there."""
+        where both are within their limits, which tell which way round leads there. Joints that move none of a loop stay
+        where they are known."""
         known, (lower, upper) = self.closed[self.chosen], self._limits
         inside = np.isfinite(upper - lower) & (lower <= q) & (q <= upper) & (lower <= known) & (known <= upper)
         turns = np.round((q - known) / (2 * np.pi))
-        return q - np.where(self._come_back & ~inside, 2 * np.pi * turns, 0.0)
+        near = q - np.where(self._come_back & ~inside, 2 * np.pi * turns, 0.0)
+        return np.where([rows.any() for rows in self._moved_in_loops], near, known)
+
+    @cached_property
+    def _moved_in_loops(self):
+        """For each independent joint, which joints of loops (joints,) it moves or leads."""
+        looped = np.isin(np.arange(len(self.S)), list(self.robot.looped))
+        return [looped & (self.S[:, k] != 0) for k in self.chosen]
 
     @cached_property
     def _come_back(self):
-        """(n,) whether after a whole turn of an independent joint all is where it was, with joints that follow it."""
+        """(n,) whether after a whole turn of an independent joint its loops are where they were."""
         turning = [not joint.prismatic for joint in self.robot.joints]
-        moved = [self.S[:, k] != 0 for k in self.chosen]
         return np.array([np.all(turning, where=rows) and not np.any(self.S[rows, k] % 1)
-                for k, rows in zip(self.chosen, moved, strict=True)], dtype=bool)  # fmt: skip
+                for k, rows in zip(self.chosen, self._moved_in_loops, strict=True)], dtype=bool)  # fmt: skip
 
     @cached_property
     def _limits(self):

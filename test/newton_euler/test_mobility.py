@@ -13,6 +13,8 @@ from robot_dynamics import DescriptionError, Dynamics, QuestionError, SingularMo
 from robot_dynamics.model.joint import Mimic, Spring
 from robot_dynamics.model.loop import End, Loop
 from robot_dynamics.model.placement import placement
+from robot_dynamics.newton_euler.loops import rows_of_loops
+from robot_dynamics.newton_euler.mobility import widest
 
 
 def with_joint(robot, name, **changes):
@@ -66,6 +68,14 @@ def test_an_elastic_joint_is_a_degree_of_freedom_where_motors_leave_one():
     assert dynamics.undriven_joint_names == ("right_crank",)
 
 
+def test_of_elastic_joints_that_depend_on_each_other_as_many_are_placed_as_it_takes():
+    robot = with_joint(load_robot("five_bar"), "right_crank", actuated=False, spring=Spring(100.0, rest=np.pi))
+    robot = with_joint(robot, "right_rod", spring=Spring(100.0))
+    dynamics = Dynamics(robot)
+    assert len(dynamics.joint_names) == 2 and len(dynamics.undriven_joint_names) == 1
+    assert set(dynamics.looped_joint_names) > {"left_rod", "apex"}
+
+
 @pytest.mark.parametrize("make", [random_four_bar, random_five_bar])
 def test_springs_in_joints_that_motors_place_are_no_degrees_of_freedom(make):
     linkage = make(2, springs=True)
@@ -90,6 +100,31 @@ def test_axes_that_are_meant_to_be_parallel_are_pointed_out():
     tilt[1:3, 1:3] = [[np.cos(4e-6), -np.sin(4e-6)], [np.sin(4e-6), np.cos(4e-6)]]
     with pytest.raises(DescriptionError, match="parallel must be so to the last digit"):
         Dynamics(with_joint(robot, "rocker", placement=joint.placement @ tilt))
+
+
+def test_the_loop_that_is_told_is_the_one_open_widest_with_its_gap_in_metres_and_radians():
+    robot = load_robot("irb460")
+    rows, unit = rows_of_loops(robot), robot.characteristic_length
+    assert len(rows) > 2 and unit != 1
+    for number, loop in enumerate(robot.loops):
+        residual = np.full(sum(rows), 1e-3)
+        start = sum(rows[:number])
+        residual[start : start + rows[number]] = np.array([0.03, 0, 0.04, 0, 0, 2 * np.tan(0.35)])[: rows[number]]
+        name, distance, angle = widest(robot, residual)
+        assert name == loop.name and distance == pytest.approx(0.05 * unit, rel=1e-12)
+        assert loop.ball or angle == pytest.approx(0.7, rel=1e-12)
+
+
+@pytest.mark.parametrize("angle", [1e-2, 1e-3, 1e-4])
+def test_near_its_dead_centre_a_parallelogram_is_one_still(angle):
+    """Its coupler does not turn: known rates and accelerations, where the loop's condition number is 1e3 to 1e5."""
+    linkage = replace(random_four_bar(1), crank=0.3, coupler=0.8, rocker=0.3, ground=0.8)
+    dynamics = Dynamics(linkage.robot((1.0,)))
+    q = dynamics.expand([angle])
+    rounding = 1e-15 / angle**2
+    np.testing.assert_allclose(q[:3], [angle, -angle, angle], rtol=0, atol=rounding * angle)
+    np.testing.assert_allclose(dynamics.expand_rates([2.0], q), [2, -2, 2, 2], atol=10 * rounding)
+    np.testing.assert_allclose(dynamics.expand_accelerations([3.0], q, [2.0]), [3, -3, 3, 3], atol=500 * rounding)
 
 
 def test_positions_out_of_reach_name_the_loop_the_gap_and_the_condition():
@@ -132,8 +167,8 @@ def test_two_loops_of_one_name_and_ends_that_are_nowhere_are_refused():
     loop = robot.loops[0]
     with pytest.raises(DescriptionError, match="more than once"):
         replace(robot, loops=(loop, loop))
-    with pytest.raises(DescriptionError, match="on link 17"):
-        replace(robot, loops=(Loop("other", End(17, np.eye(4)), End(0, np.eye(4))),))
+    with pytest.raises(DescriptionError, match="on link 5, of 0 to 4"):
+        replace(robot, loops=(Loop("other", End(5, np.eye(4)), End(0, np.eye(4))),))
     with pytest.raises(DescriptionError, match="closes nothing"):
         replace(robot, loops=(Loop("other", End(1, np.eye(4)), End(1, np.eye(4))),))
 
