@@ -36,11 +36,13 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 
 def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
-    times, base = _times(points, (asked,), "it is what is asked for"), None
-    if is_asked_by_platform(request, robot):
-        order, q, qd, qdd = read_platform_motion(request, times, dynamics, namespace, given == "accelerations")
+    by_platform, base = is_asked_by_platform(request, robot), None
+    names = request.trajectory.joint_names or (dynamics.joint_names if by_platform else [])
+    order = match_joints(names, dynamics, namespace)
+    times = _times(points, (asked,), "it is what is asked for")
+    if by_platform:
+        q, qd, qdd = read_platform_motion(request, order, times, namespace, given == "accelerations")
     else:
-        order = match_joints(request.trajectory.joint_names, dynamics, namespace)
         q = read_positions(points, order)
         qd = read_velocities(points, order, q)
         qdd = read_accelerations(points, order, q, qd) if given == "accelerations" else None

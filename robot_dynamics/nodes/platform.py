@@ -6,7 +6,6 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.nodes.messages import read_points, read_positions, require_empty, write_transform, write_twist
-from robot_dynamics.nodes.names import match_joints
 
 
 def is_asked_by_platform(request, robot):
@@ -14,15 +13,15 @@ def is_asked_by_platform(request, robot):
     return robot.platform is not None and not robot.moving_base and len(request.base.points) > 0
 
 
-def read_platform_motion(request, times, dynamics, namespace, accelerated):
-    """(JointOrder, q, qd, qdd): positions (N, all joints), rates and accelerations (N, n) of the independent joints.
+def read_platform_motion(request, order, times, namespace, accelerated):
+    """(q, qd, qdd): positions (N, all joints), rates and accelerations (N, n) of the independent joints.
 
-    times: of the points [ns]; accelerated: whether the acceleration of the platform is told, and not asked for.
-    Positions of all joints may be given: they are where the search for closed loops begins.
+    order: JointOrder; times: of the points [ns]; accelerated: whether the acceleration of the platform is told, and not
+    asked for. Positions of all joints may be given: they are where the search for closed loops begins.
     """
-    robot, points = dynamics.robot, request.trajectory.points
+    dynamics, points = order.dynamics, request.trajectory.points
+    robot = dynamics.robot
     platform = robot.links[robot.platform.link].name
-    order = match_joints(request.trajectory.joint_names or dynamics.joint_names, dynamics, namespace)
     for number, point in enumerate(points):
         for field in ("velocities", "accelerations"):
             require_empty(point, field, f"points[{number}]", "base tells how the platform moves, and so all joints")
@@ -37,7 +36,7 @@ def read_platform_motion(request, times, dynamics, namespace, accelerated):
     q, qd, qdd = dynamics.platform.motion(told.pose, told.twist, told.acceleration, seed)
     independent = [robot.joint_numbers[name] for name in dynamics.joint_names]
     driven = [robot.joints[number].actuated for number in independent]
-    return order, q, qd[:, independent], np.where(driven, qdd[:, independent], 0.0)
+    return q, qd[:, independent], np.where(driven, qdd[:, independent], 0.0)
 
 
 def write_platform(points, motion, dynamics):
