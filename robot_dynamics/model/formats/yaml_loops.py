@@ -102,10 +102,8 @@ class _Reader:
             moved = self._cut(told, path, loop.moved)
         closed_on = self._end(loop.closed_on)
         found = Loop(told["joint"], moved, closed_on, ball=kind == "spherical")
-        begins = moved.link if kind in ("fixed", "spherical") else self.joints[-1].antecedent
         try:
             check_loop(found, len(self.links))
-            check_loop(Loop(found.name, End(begins, moved.placement), closed_on), len(self.links))
         except DescriptionError as error:
             self.document.fail(path, str(error))
         return found

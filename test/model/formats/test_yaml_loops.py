@@ -187,8 +187,9 @@ def test_named_frame_as_antecedent_is_refused_with_what_would_be_right():
         read_mdh_yaml(text)
 
 
-@pytest.mark.parametrize("kind", ["fixed", "spherical", "revolute", "prismatic"])
-def test_loop_of_a_link_with_itself_is_refused(kind):
-    text = FOUR_BAR[: FOUR_BAR.index("    role: elastic")].replace("revolute", kind).replace("output, xyz", "pin, xyz")
+def test_loop_of_a_link_with_itself_is_refused():
+    text = (
+        FOUR_BAR[: FOUR_BAR.index("    role: elastic")].replace("revolute", "fixed").replace("output, xyz", "pin, xyz")
+    )
     with pytest.raises(DescriptionError, match="line 10, column 5: loop 'knee': both its ends are on the same link"):
         read_mdh_yaml(text)
