@@ -30,9 +30,10 @@ venv:  ## make or bring up to date .venv: ROS 2 Jazzy, all other packages, and t
 	@$(BOOTSTRAP)
 
 test: venv  ## run the tests
-	.venv/bin/python -m pytest
+	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
+	.venv/bin/python -m pytest test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
-demo: venv  ## a server and a client at work
+demo: venv  ## a server asked, and simulated robots moved; writes demo.png, demo_tracking.png and bags
 	.venv/bin/demo
 
 lint: venv  ## check style and format of the Python files
@@ -50,15 +51,22 @@ colcon: venv  ## build both packages as in a ROS workspace, into build/, install
 	@$(BOOTSTRAP) --colcon
 	@sh tools/colcon_build.sh
 
-bench: venv  ## measure the recursions, the compiled models and closed loops beside Pinocchio and others
+bench: venv  ## measure recursions, compiled models, loops, parallel robots and the streaming of efforts beside others
 	.venv/bin/python benchmarks/inverse_direct.py
 	.venv/bin/python benchmarks/compiled.py
 	.venv/bin/python benchmarks/closed_loops.py
+	.venv/bin/python benchmarks/parallel_robots.py
+	.venv/bin/python benchmarks/elastodynamics.py
+	.venv/bin/python benchmarks/streaming_latency.py
+	.venv/bin/python benchmarks/replay.py
 
-soak: venv  ## read a hundred thousand mutated descriptions of each format; takes some ten minutes
+soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, ten minutes of streaming
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
+	COMPARED=1000 .venv/bin/python -m pytest -s test/test_parallel_models.py -k both_models --timeout 1500
+	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
+	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_closed_loop.py
 
 clean:  ## remove all that the other targets made
-	rm -rf .venv .venv.lock build install log demo.png robot_dynamics.egg-info
+	rm -rf .venv .venv.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
 	rm -rf .pytest_cache .ruff_cache .hypothesis
 	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

@@ -25,20 +25,31 @@ setup(
     maintainer_email="maintainers@robot-dynamics.example.org",
     # Named one by one: a bare search would also take test/ and the folder of the interface package.
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["model/formats/mdh.schema.json"]},
+    package_data={PACKAGE: ["model/formats/mdh.schema.json", "replay/*.schema.json"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
         *files_below("config"),
+        *files_below("launch"),
     ],
     python_requires=">=3.10",
-    install_requires=["numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "jsonschema", "tabulate", "matplotlib"],
-    extras_require={"compiled": ["llvmlite>=0.46"]},  # without it models run as Python
+    install_requires=[
+        *("numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "jsonschema", "tabulate", "matplotlib", "tqdm"),
+        *("rosbags", "mcap", "plotly"),  # bags and their reports
+        "clarabel",  # inertias that bodies can have
+    ],
+    extras_require={
+        "compiled": ["llvmlite>=0.46"],  # without it models run as Python
+        "fleet": ["dask[distributed]"],  # recordings on a cluster
+    },
     zip_safe=True,
     entry_points={
         "console_scripts": [
+            "computed_torque = robot_dynamics.nodes.computed_torque:main",
             "dynamics_server = robot_dynamics.nodes.dynamics_server:main",
             "demo = robot_dynamics.nodes.demo:main",
+            "mobile_base_simulator = robot_dynamics.nodes.mobile_base_simulator:main",
+            "replay_check = robot_dynamics.nodes.replay_check:main",
             "robot-dynamics = robot_dynamics.commands.main:main",
         ],
     },

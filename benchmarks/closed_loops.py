@@ -1,12 +1,12 @@
 """Robots with closed loops beside the tree of the same size, MuJoCo and Pinocchio, in the same run.
 
 Rounds of both go in turn, and the ratio is the median of the rounds' ratios: above 1, what is named first is that many
-times faster. Calls go round states drawn within the limits of the motors. The tree is the same robot with a motor in
-each joint and nothing closed; a link without inertia, at which a loop is cut, has half of that of the link that it
-closes on there, as a tree with links of no inertia has no direct model. "The door" is Dynamics, which closes the loops
-in each call and checks what it is given; programs, MuJoCo and Pinocchio take closed positions for granted. What
-mj_inverse gives are forces of all joints, as of a tree: for the efforts of the motors they are still to be gathered,
-which is not counted.
+times faster. Calls go round states drawn within the limits of the motors, or of the platform. The tree is the same
+robot with a motor in each joint and nothing closed; a link without inertia, at which a loop is cut, has half of that of
+the link that it closes on there, as a tree with links of no inertia has no direct model. "The door" is Dynamics, which
+closes the loops in each call and checks what it is given; programs, MuJoCo and Pinocchio take closed positions for
+granted. What mj_inverse gives are forces of all joints, as of a tree: for the efforts of the motors they are still to
+be gathered, which is not counted.
 
 First all have to agree: our efforts and accelerations with Pinocchio's constraintDynamics, efforts with those gathered
 from mj_inverse, and velocities with MuJoCo's constraints. Accelerations of mj_forward differ by what its constraints
@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
 from compiled import installed, show
 from inverse_direct import processor
 from peers.pinocchio_loops import PinocchioLoops, inertias_with_cut_links
-from peers.random_robots import limits_of
+from peers.reachable import reachable
 
 from robot_dynamics import Dynamics, Inertia, load_robot
 
@@ -56,7 +56,7 @@ class Case:
         self.dynamics, self.tree = Dynamics(self.robot), Dynamics(tree_of(self.robot))
         dynamics, rng = self.dynamics, np.random.default_rng(seed)
         self.independent = [self.robot.joint_numbers[name] for name in dynamics.joint_names]
-        self.motors = rng.uniform(*limits_of(dynamics), (samples, len(self.independent)))
+        self.motors = reachable(dynamics, samples, rng)
         self.qd, self.qdd = rng.uniform(-1, 1, (2, *self.motors.shape))
         self.q = dynamics.expand(self.motors)
         self.efforts = dynamics.inverse(self.q, self.qd, self.qdd)
@@ -210,7 +210,7 @@ def tree_of(robot):
     inertias = inertias_with_cut_links(robot)
     links = tuple(replace(link, inertia=inertia) for link, inertia in zip(robot.links, inertias, strict=True))
     joints = tuple(replace(joint, actuated=True) for joint in robot.joints)
-    return replace(robot, links=links, joints=joints, loops=())
+    return replace(robot, links=links, joints=joints, loops=(), platforms=())
 
 
 def with_masses(robot):

@@ -28,19 +28,19 @@ ROBOTS = {
 }
 
 
-def seconds(work, repetitions):
-    started = time.perf_counter()
+def seconds(work, repetitions, clock=time.perf_counter):
+    started = clock()
     for _ in range(repetitions):
         work()
-    return (time.perf_counter() - started) / repetitions
+    return (clock() - started) / repetitions
 
 
-def side_by_side(ours, theirs, rounds):
+def side_by_side(ours, theirs, rounds, clock=time.perf_counter):
     """(our median [s], their median [s], median of the ratios of each round)."""
     ours(), theirs()
     # about 50 ms a turn, so that the clock and a short interruption do not count
     counts = [max(1, int(0.05 / max(seconds(work, 1), 1e-7))) for work in (ours, theirs)]
-    pairs = [(seconds(ours, counts[0]), seconds(theirs, counts[1])) for _ in range(rounds)]
+    pairs = [(seconds(ours, counts[0], clock), seconds(theirs, counts[1], clock)) for _ in range(rounds)]
     mine, peers = zip(*pairs, strict=True)
     return statistics.median(mine), statistics.median(peers), statistics.median(a / b for a, b in pairs)
 

@@ -87,14 +87,36 @@ class MujocoLoops:
         return ElementTree.tostring(root, encoding="unicode")
 
     def _add_body(self, number):
-        joint, link = self.robot.joints[number], self.robot.links[number + 1]
-        assert not joint.mimic and not joint.spring and not joint.coulomb_friction, f"{joint.name} is not written here"
-        body = ElementTree.SubElement(self._bodies[joint.antecedent], "body", name=link.name, **_pose(joint.placement))
-        kind = "slide" if joint.prismatic else "hinge"
-        lost = {"armature": repr(joint.rotor_inertia), "damping": repr(joint.viscous_friction)}
-        ElementTree.SubElement(body, "joint", name=joint.name, type=kind, axis="0 0 1", **lost)
+        """The link that joint `number` moves, with all joints between it and the last body before it; one without
+        inertia of which a single link goes on, as between the coordinates of a platform, is no body of its own."""
+        if self._passes_on(number + 1):
+            return
+        chain = [number]
+        while (carrier := self.robot.joints[chain[0]].antecedent) and self._passes_on(carrier):
+            chain.insert(0, carrier - 1)
+        link, placed = self.robot.links[number + 1], [self.robot.joints[chain[-1]].placement]
+        for k in reversed(chain[:-1]):
+            placed.insert(0, self.robot.joints[k].placement @ placed[0])
+        body = ElementTree.SubElement(self._bodies[carrier], "body", name=link.name, **_pose(placed[0]))
+        for k, onward in zip(chain, [*placed[1:], np.eye(4)], strict=True):
+            self._add_joint(body, self.robot.joints[k], np.linalg.inv(onward))
         ElementTree.SubElement(body, "inertial", _inertial(link.inertia))
         self._bodies[number + 1] = body
+
+    def _add_joint(self, body, joint, placed):
+        """A joint about or along z of a frame that has a place in the frame of the body, where all joints are zero."""
+        assert not joint.mimic and not joint.spring and not joint.coulomb_friction, f"{joint.name} is not written here"
+        kind = {"type": "slide" if joint.prismatic else "hinge"}
+        at = {"pos": _text(placed[:3, 3]), "axis": _text(placed[:3, 2])}
+        lost = {"armature": repr(joint.rotor_inertia), "damping": repr(joint.viscous_friction)}
+        ElementTree.SubElement(body, "joint", name=joint.name, **kind, **at, **lost)
+
+    def _passes_on(self, link):
+        """Whether a link has no inertia, and carries one other link and no end of a loop."""
+        inertia = self.robot.links[link].inertia
+        onward = [number for number in self.kept if self.robot.joints[number].antecedent == link]
+        ends = [end.link for loop in self.robot.loops for end in loop.ends]
+        return not inertia.mass and not inertia.second_moments.any() and len(onward) == 1 and link not in ends
 
     def _close(self, loop, q, equalities):
         cut = next((link for link, other in self.cut.items() if other is loop), None)

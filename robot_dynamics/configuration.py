@@ -3,60 +3,19 @@
 import math
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.coupling import coupling
-from robot_dynamics.newton_euler.loops import loop_wrenches
 from robot_dynamics.newton_euler.mobility import CLOSES, NEARLY, widest
-from robot_dynamics.newton_euler.screw import apply, apply_transposed
 from robot_dynamics.question import finite
 
 # The least quality of a configuration whose rates mean something. Next to a singular position a deviation δ leaves a
 # residual of δ² only, and the quality is about δ²: this is what positions within CLOSES of one have, and some more.
 UNPLACED = 10 * CLOSES
 SAMPLES_AT_ONCE = 2000  # whose loops are closed together: as many as a cache has place for
-
-
-@dataclass(frozen=True, eq=False)
-class Configuration:
-    """Positions q (..., all joints) that close the loops, and what follows from them.
-
-    G: (..., all joints, n), from rates of the independent joints to those of all, constant (all joints, n) without
-    loops; factors: of the loops' equations, for the drift, None without loops.
-    """
-
-    coupling: object
-    q: np.ndarray
-    G: np.ndarray
-    factors: object
-
-    def rates(self, values):
-        """(..., all joints) from velocities (..., n)."""
-        return apply(self.G, values)
-
-    def gathered(self, forces):
-        """What forces (..., all joints) amount to on the independent joints (..., n)."""
-        return apply_transposed(self.G, forces)
-
-    def drift(self, qd):
-        """Accelerations (..., all joints) at velocities qd (..., all joints), the independent ones unaccelerated."""
-        return self.coupling.drift(self.q, qd, self.factors)
-
-    def loop_wrenches(self, demands):
-        """(link number, wrench (..., 6) on it, in its frame at its origin) of both ends of each loop.
-
-        demands: (..., all joints), of which the loops exert what is asked of the joints that they place. Where loops
-        have more equations than that takes, wrenches are those of least norm, with torques told by the characteristic
-        length: others of the same motion would only strain the links.
-        """
-        coupling = self.coupling
-        asked = (demands @ coupling.S)[..., coupling.placed]
-        return loop_wrenches(coupling.robot, self.q, linear.least_norm(self.factors, asked))
 
 
 class Configurations:
@@ -168,7 +127,7 @@ class Configurations:
     def of_all(self, q):
         """The Configuration at positions (..., all joints) that are known to close the loops."""
         with np.errstate(all="ignore"):
-            return Configuration(self._coupling, q, *self._coupling.tangent(q))
+            return self._coupling.at(q)
 
     def _refuse_open(self, found, first=0, many=False):
         """Raise SingularModelError for the first sample whose loops are open or singular.

@@ -15,9 +15,11 @@ import numpy as np
 from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, JointMotion, filled, refuse_unbalanced
 from robot_dynamics.configuration import Configurations
 from robot_dynamics.errors import QuestionError, SingularModelError, unknown_name
+from robot_dynamics.flexible_arm import FlexibleArm
 from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.motion import State, moved, with_loops_closed
+from robot_dynamics.natural_frequencies import Elastodynamics
 from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.equilibrium import balance
@@ -76,14 +78,14 @@ class Dynamics:
         driven = [robot.joints[number].actuated for number in self._configurations.independent]
         self._undriven = [place for place, has_motor in enumerate(driven) if not has_motor]
         self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
-        self._compiles = compiled
+        self.compiles = compiled
 
     def __repr__(self):
         return f"Dynamics({self.robot!r})"
 
     def __reduce__(self):
         """Copied and sent to other processes without its programs: machine code belongs to this one."""
-        return partial(Dynamics, compiled=self._compiles), (self.robot,)
+        return partial(Dynamics, compiled=self.compiles), (self.robot,)
 
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity, friction and springs, less the external
@@ -142,8 +144,8 @@ class Dynamics:
     def compile(self, model, *, wrenches=(), told=False):
         """The compiled program of a model, made now if it is not there: the fastest that can be called from Python.
 
-        model: inverse, direct, inertia_matrix, gravity, coriolis, bias, regressor, or closure of a robot with loops;
-        what each takes and gives,
+        model: inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, or closure of a robot with
+        loops; what each takes and gives,
         `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
         whether the acceleration of a moving base is given, for inverse and direct.
 
@@ -151,10 +153,10 @@ class Dynamics:
         with one argument more writes into it, and `batch(q, qd, qdd, out=None, threads=1)` for arrays (N, n). It
         refuses buffers that do not fit, but checks no values: nan in gives nan out.
 
-        Raises QuestionError for an unknown model or link and for a robot without joints, SingularModelError where the
-        model has no answer in any state.
+        Raises QuestionError for an unknown model or link and for a robot of which nothing moves, SingularModelError
+        where the model has no answer in any state.
         """
-        if not self.joint_names:
+        if not (self.joint_names or self.robot.moving_base):
             raise QuestionError(f"{self.robot.name!r} has no joints: there is nothing to compile")
         if model not in MODELS:
             raise QuestionError(unknown_name("model", model, MODELS))
@@ -234,7 +236,7 @@ class Dynamics:
     def _computed(self, model, given, question, recursion):
         """`answered`, where there is a program that could answer."""
         question = question or {}
-        if not (self._compiles and self.joint_names and isinstance(question.get("external_wrenches"), Mapping | None)):
+        if not (self.compiles and self.joint_names and isinstance(question.get("external_wrenches"), Mapping | None)):
             return recursion()
         return answered(self._programs, self.robot, model, given, question, recursion)
 
@@ -306,13 +308,32 @@ class Dynamics:
 
     @cached_property
     def platform(self):
-        """The PlatformDynamics of a parallel robot: the same questions in coordinates of its platform.
+        """The PlatformDynamics of a parallel robot: the same questions in coordinates of its platform; of all together
+        where it has many.
 
         Raises QuestionError for a robot without a platform.
         """
-        if self.robot.platform is None:
+        if not self.robot.platforms:
             raise QuestionError(f"{self.robot.name!r} has no platform: ask by joints")
-        return PlatformDynamics(self)
+        return PlatformDynamics(self, self.robot.platforms, alone=len(self.robot.platforms) == 1)
+
+    @cached_property
+    def platforms(self):
+        """{link: PlatformDynamics} of each platform alone, the rest of the robot being told by its joints."""
+        links, each = self.robot.platform_links, self.robot.platforms
+        return {link: PlatformDynamics(self, (one,), alone=True) for link, one in zip(links, each, strict=True)}
+
+    @cached_property
+    def elastodynamics(self):
+        """The Elastodynamics of a robot whose links bend, or whose joints are elastic: its natural frequencies at poses
+        where motors and brakes hold it. Others may be held: `Elastodynamics(dynamics, held=[...])`."""
+        return Elastodynamics(self)
+
+    @cached_property
+    def flexible_arm(self):
+        """The FlexibleArm of a robot without loops whose links bend: inverse and direct dynamics, joints and elastic
+        coordinates together. The other models take all links as rigid."""
+        return FlexibleArm(self)
 
     @property
     def closed_positions(self):

@@ -19,8 +19,16 @@ class SingularModelError(RobotDynamicsError):
     """A model has no answer: nothing with inertia resists some motion, or no equilibrium was found."""
 
 
+class RecordingError(RobotDynamicsError):
+    """A bag or table of measurements cannot be read, or does not tell what is needed of the robot."""
+
+
 class CompilationError(RobotDynamicsError):
     """A program cannot be compiled on this machine; it can still be run as Python."""
+
+
+class SimulationError(RobotDynamicsError):
+    """A simulation cannot go on: its numbers grew beyond all bounds."""
 
 
 def unknown_name(kind, name, known):

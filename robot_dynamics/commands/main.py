@@ -5,14 +5,27 @@ import logging
 import os
 import sys
 
-from robot_dynamics.commands import convert, count, generate, schema, shipped, show
+from robot_dynamics.commands import (
+    convert,
+    count,
+    excite,
+    frequencies,
+    generate,
+    identify,
+    map,
+    replay_check,
+    schema,
+    shipped,
+    show,
+)
 from robot_dynamics.errors import RobotDynamicsError
 
-VERBS = (show, convert, generate, count, shipped, schema)
+VERBS = (show, convert, generate, count, map, frequencies, replay_check, identify, excite, shipped, schema)
 
 
 def main(arguments=None):
-    """Run the command; returns its exit status: 0, or 1 where it was refused, with the reason on stderr."""
+    """Run the command; returns its exit status: 0, 1 where it was refused, with the reason on stderr, or what the
+    verb says."""
     parser = argparse.ArgumentParser(
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
@@ -29,7 +42,7 @@ def main(arguments=None):
             stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
     try:
-        told.run(told)
+        status = told.run(told)
         sys.stdout.flush()
     except RobotDynamicsError as error:
         print(f"robot-dynamics {told.verb}: {error}", file=sys.stderr)
@@ -41,7 +54,7 @@ def main(arguments=None):
         print(f"robot-dynamics {told.verb}: {error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    return 0
+    return status or 0
 
 
 if __name__ == "__main__":

@@ -12,6 +12,11 @@ BASES = {"fixed": False, "moving": True, None: None}
 
 def add_robot_arguments(parser):
     parser.add_argument("robot", help="path of a URDF, MDH table or .par, or the name of a robot that ships")
+    add_description_arguments(parser)
+
+
+def add_description_arguments(parser):
+    """How the description of the robot is to be read."""
     parser.add_argument(
         "--values", metavar="FILE", help="YAML with `name: value` lines, for names that the description leaves open"
     )

@@ -26,23 +26,23 @@ def run(told):
     base = "moves" if robot.moving_base else "is fixed"
     gravity = " ".join(map(short, robot.gravity.tolist()))
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")
-    print_platform(robot)
+    print_platforms(robot)
     print_mdh_table(robot)
     print_joints(robot)
     print_loops(robot)
     print_inertias(robot)
+    print_beams(robot)
     print_frames(robot)
     print_totals(robot)
     for warning in robot.warnings:
         print(f"warning: {warning}")
 
 
-def print_platform(robot):
-    if robot.platform is None:
-        return
-    coordinates = ", ".join(robot.joints[number].name for number in robot.platform.joints)
-    name, free = robot.links[robot.platform.link].name, ", ".join(robot.platform.free)
-    print(f"platform {name!r}: coordinates {coordinates}; its legs let it move by {free}")
+def print_platforms(robot):
+    for name, platform in zip(robot.platform_links, robot.platforms, strict=True):
+        coordinates, free = ", ".join(robot.joints[number].name for number in platform.joints), ", ".join(platform.free)
+        stands = "" if platform.base is None else f" stands on {platform.base!r};"
+        print(f"platform {name!r}:{stands} coordinates {coordinates}; its legs let it move by {free}")
 
 
 def print_mdh_table(robot):
@@ -94,6 +94,18 @@ def print_inertias(robot):
         rows.append([link.name, *map(float, (link.inertia.mass, *link.inertia.first_moments, *moments))])
     head = ["link", "mass", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ"]
     print_table(head, rows, "Inertias about the origins of the frames above, with all that is fixed to the links")
+
+
+def print_beams(robot):
+    rows = []
+    for link in robot.links:
+        for beam in link.flexibility.beams if link.flexibility is not None else ():
+            x, y, z = (float(round(value, 12)) for value in beam.start[:3, 3])
+            numbers = [*vars(beam.section).values(), *vars(beam.material).values()]
+            rows.append([link.name, x, y, z, float(round(beam.length, 12)), beam.elements, *map(float, numbers)])
+    if rows:
+        head = ["link", "x", "y", "z", "length", "elements", "A", "I_y", "I_z", "I_0", "I_p", "E", "G", "density"]
+        print_table(head, rows, "Beams: where they begin on their links, sections and materials")
 
 
 def print_frames(robot):

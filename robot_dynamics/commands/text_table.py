@@ -7,19 +7,21 @@ from tabulate import tabulate
 
 def print_table(head, rows, title=None):
     """Print rows, lists of texts and numbers, under a head; columns in which nothing stands are left out."""
+    print(table_text(head, rows, title))
+
+
+def table_text(head, rows, title=None):
+    """What `print_table` prints."""
     texts = [[short(cell) for cell in row] for row in rows]
     kept = [k for k in range(len(head)) if any(row[k] for row in texts)]
-    if title:
-        print(f"\n{title}")
-    print(
-        tabulate(
-            [[row[k] for k in kept] for row in texts],
-            [head[k] for k in kept],
-            tablefmt="simple",
-            disable_numparse=True,
-            colalign=["right" if all(is_number(row[k]) for row in rows) else "left" for k in kept],
-        )
+    table = tabulate(
+        [[row[k] for k in kept] for row in texts],
+        [head[k] for k in kept],
+        tablefmt="simple",
+        disable_numparse=True,
+        colalign=["right" if all(is_number(row[k]) for row in rows) else "left" for k in kept],
     )
+    return f"\n{title}\n{table}" if title else table
 
 
 def is_number(cell):

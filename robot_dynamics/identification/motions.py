@@ -30,7 +30,7 @@ def random_motions(dynamics, samples, seed=0):
     chance = np.random.default_rng(seed)
     robot, n = dynamics.robot, len(dynamics.joint_names)
     joints = [robot.joints[robot.joint_numbers[name]] for name in dynamics.joint_names]
-    bounds = np.array([_bounds(joint) for joint in joints]).reshape(-1, 2)
+    bounds = np.array([position_bounds(joint) for joint in joints]).reshape(-1, 2)
     q = _walk(dynamics, bounds, samples, chance) if robot.loops else chance.uniform(*bounds.T, (samples, n))
     qd, qdd = chance.uniform(-3, 3, (2, samples, n))
     return Motions(q, qd, qdd, _base(chance, samples) if robot.moving_base else None)
@@ -56,7 +56,7 @@ def _walk(dynamics, bounds, samples, chance):
     raise SingularModelError(f"hardly any random positions within the joint limits close the loops: {refused}")
 
 
-def _bounds(joint):
+def position_bounds(joint):
     """(lower, upper) position that a joint may be given."""
     reach, middle = REACH[joint.prismatic], joint.initial_position
     lower, upper = joint.limits.lower, joint.limits.upper

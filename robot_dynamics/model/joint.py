@@ -50,7 +50,8 @@ class Joint:
     along z_j. rotor_inertia: Ia, seen at the joint [kg m² or kg]; viscous_friction: Fv [N m s/rad or N s/m];
     coulomb_friction: Fs [N m or N]. actuated: μ, whether a motor drives it; one without motor is elastic where it has a
     spring, else passive. A spring beside a motor bears its part of the load. initial_position [rad or m]: where loops
-    are closed first; it chooses between their assembly modes.
+    are closed first; it chooses between their assembly modes. brake: whether natural frequencies count the joint as
+    held though no motor drives it.
     """
 
     name: str
@@ -65,6 +66,7 @@ class Joint:
     actuated: bool = True
     spring: Spring | None = None
     initial_position: float = 0.0
+    brake: bool = False
 
     @property
     def role(self):

@@ -98,9 +98,17 @@ def read_file(name):
 
 def shipped_robots():
     """Paths of the descriptions that ship with the package, by name."""
+    robots = shipped_file("robots")
+    if robots is None:
+        return {}
+    return {path.stem: path for path in sorted(robots.iterdir()) if path.suffix in SUFFIXES}
+
+
+def shipped_file(name):
+    """The Path of a file or folder of config/ that ships with the package; None where it is not there."""
     # beside the code in a checkout, else in share/ of the prefix that the package is installed in
     for folder in Path(__file__).resolve().parents:
-        for robots in (folder / "config" / "robots", folder / "share" / "robot_dynamics" / "config" / "robots"):
-            if robots.is_dir():
-                return {path.stem: path for path in sorted(robots.iterdir()) if path.suffix in SUFFIXES}
-    return {}
+        for config in (folder / "config", folder / "share" / "robot_dynamics" / "config"):
+            if (config / name).exists():
+                return config / name
+    return None

@@ -14,7 +14,6 @@ from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.loop import End
 from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, Row, placement_of, rows_of
 from robot_dynamics.model.placement import inverse, placement
-from robot_dynamics.model.robot import Link
 
 
 def minimal_frames(robot):
@@ -32,7 +31,7 @@ def minimal_frames(robot):
         change = _along_z(*_choice(placed, followers.get(number)))
         changes.append(change)
         joints.append(replace(joint, placement=_tidy(placed @ change)))
-        links.append(Link(link.name, link.inertia.seen_from(inverse(change))))
+        links.append(link.seen_from(inverse(change)))
     back = [inverse(change) for change in changes]
     frames = [replace(frame, placement=back[frame.link] @ frame.placement) for frame in robot.frames]
     cut = cut_joints(robot)

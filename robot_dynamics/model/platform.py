@@ -1,18 +1,19 @@
 """The platform of a parallel robot as data: a link that legs close on, and the joints that say where it is.
 
-Nothing holds the platform but its legs. In the tree it hangs on link 0 by six joints without motor or inertia, which
-are its coordinates: three that slide along x, y and z of link 0, and three that turn, about z, then y, then x. Its pose
-in link 0 is Trans(x, y, z) Rot(z, yaw) Rot(y, pitch) Rot(x, roll), and every leg is a branch of its own, which a loop
-closes on it: the decomposition of Khalil's section 5, second solution.
+Nothing holds the platform but its legs. In the tree it hangs on its base by six joints without motor or inertia, which
+are its coordinates: three that slide along x, y and z of the base, and three that turn, about z, then y, then x. Its
+pose in the base is Trans(x, y, z) Rot(z, yaw) Rot(y, pitch) Rot(x, roll), and every leg is a branch of its own, which a
+loop closes on it: the decomposition of Khalil's section 5, second solution. The base is frame 0, or a frame of any
+link: that of another platform, where parallel modules stand on each other in series.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError
+from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.placement import placement
+from robot_dynamics.model.placement import inverse, placement
 
 COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
 """Of a platform, in the order of their joints; [m] and [rad]."""
@@ -20,6 +21,8 @@ ONWARD = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """Turns axes so that z comes to lie along x: what was x, y, z is then z, x, y."""
 TURNS = (ONWARD, ONWARD, ONWARD, np.eye(3), ONWARD.T, ONWARD.T)
 """How the frame of each coordinate's joint stands in the one before: z along x, y, z, then z, y, x."""
+GROUND = (0, np.eye(4))
+"""Frame 0: number of the link, and placement in its frame."""
 ALIGNED = 1e-9  # [m, rad] to which axes of coordinates are where they should be
 OWN_FRAME = placement(ONWARD.T)
 """How the frame in which a platform is described stands in the frame of its link, whose z is along its x."""
@@ -28,22 +31,32 @@ OWN_FRAME = placement(ONWARD.T)
 @dataclass(frozen=True)
 class Platform:
     """link: number of the platform's link; joints: numbers of the six joints of COORDINATES, in this order; free: the
-    coordinates that its legs let it move by, as many as the mobility, such as ("x", "y", "z") of a Delta."""
+    coordinates that its legs let it move by, as many as the mobility, such as ("x", "y", "z") of a Delta; base: the
+    name of the frame on which it stands and in which its pose is told, None: frame 0."""
 
     link: int
     joints: tuple
     free: tuple = COORDINATES
+    base: str | None = None
+
+    def stands(self, robot):
+        """(number of the link, placement (4, 4) in its frame) of the frame of a Robot on which the platform stands."""
+        if self.base is None:
+            return GROUND
+        frame = robot.frame(self.base)
+        return frame.link, frame.placement
 
 
-def coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0)):
+def coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0), base=GROUND):
     """The six Joints of a platform: `name_x`, ... `name_roll`, which move links `first` to first + 5, the last of them
-    the platform. start: (6,) initial positions [m, rad]."""
+    the platform. start: (6,) initial positions [m, rad]; base: (number of the link, placement (4, 4) in its frame) of
+    the frame on which the platform stands."""
     return [
         Joint(
             f"{name}_{coordinate}",
-            antecedent=first + place - 1 if place else 0,
+            antecedent=first + place - 1 if place else base[0],
             prismatic=place < 3,
-            placement=placement(turn),
+            placement=placement(turn) if place else base[1] @ placement(turn),
             actuated=False,
             initial_position=position,
         )
@@ -55,23 +68,27 @@ def check_platform(platform, robot):
     """Refuse a Platform that a Robot has not."""
     if not 0 < platform.link < len(robot.links):
         raise DescriptionError(f"the platform is link {platform.link}, of 1 to {len(robot.links) - 1}")
-    way = tuple(robot.way(platform.link)[::-1])
-    if way != tuple(platform.joints) or len(way) != len(COORDINATES):
+    if platform.base is not None and platform.base not in robot.frames_by_name:
+        raise DescriptionError(f"the base of a platform: {unknown_name('link', platform.base, robot.frames_by_name)}")
+    (base, placed), way = platform.stands(robot), tuple(robot.way(platform.link)[::-1])
+    way = way[-len(COORDINATES) :]
+    if way != tuple(platform.joints) or len(way) < len(COORDINATES) or robot.joints[way[0]].antecedent != base:
         names = ", ".join(repr(robot.joints[number].name) for number in way)
         raise DescriptionError(
-            f"the platform must hang on the base by the six joints of its coordinates, in their order, not by {names}"
+            "the platform must hang on the base by the six joints of its coordinates, in their order, not by "
+            f"{names} on link {robot.links[robot.joints[way[0]].antecedent].name!r}"
         )
     if any(robot.joints[number].role != "passive" for number in way):
         raise DescriptionError("the joints that are the coordinates of the platform have neither motors nor springs")
     if not platform.free or not set(platform.free) <= set(COORDINATES):
         raise DescriptionError(f"free coordinates of a platform are some of {', '.join(COORDINATES)}")
-    _check_axes(robot, way, robot.frame(robot.links[platform.link].name))
+    _check_axes(robot, way, placed, robot.frame(robot.links[platform.link].name))
 
 
-def _check_axes(robot, way, frame):
-    """Refuse joints that do not slide along x, y, z of the base and then turn about z, y, x of the platform's frame,
-    which lies on that of the base where all are zero."""
-    axes, placed = [], np.eye(4)
+def _check_axes(robot, way, base, frame):
+    """Refuse joints that do not slide along x, y, z of the base (4, 4) and then turn about z, y, x of the platform's
+    frame, which lies on that of the base where all are zero."""
+    axes, placed = [], inverse(base)
     for number in way:
         placed = placed @ robot.joints[number].placement
         axes.append(np.append(placed[:3, 2], 0 if robot.joints[number].prismatic else np.cross(*placed[:3, 2:].T)))

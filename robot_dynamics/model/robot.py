@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
+from robot_dynamics.model.beam import Body, Flexibility
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, check_joint, check_placement, doubtful_limits
 from robot_dynamics.model.loop import Loop, check_loop
@@ -23,10 +24,17 @@ MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """A rigid body: its name, its inertia about the origin of its frame, with all that is fixed to it."""
+    """A body: its name, its inertia about the origin of its frame, with all that is fixed to it, and what of it bends:
+    None of a rigid body. The inertia is that of the straight link, as models of rigid bodies need it."""
 
     name: str
     inertia: Inertia
+    flexibility: Flexibility | None = None
+
+    def seen_from(self, matrix):
+        """The same link in the frame in which `matrix` (4, 4) places its own."""
+        bends = None if self.flexibility is None else self.flexibility.seen_from(matrix)
+        return replace(self, inertia=self.inertia.seen_from(matrix), flexibility=bends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +53,7 @@ class Robot:
     links: n + 1 of them, the base first; joints: n, joints[j - 1] moves links[j]; frames: every link of the
     description, those that are fixed to another one too; moving_base: whether nothing holds link 0; gravity: (3,)
     [m/s²], in the world, which is the frame of the base where the base is fixed; loops: the pairs of frames that
-    coincide, none in a tree; platform: the Platform of a parallel robot.
+    coincide, none in a tree; platforms: those of a parallel robot, many where parallel modules are put in series.
 
     Raises DescriptionError where these do not fit together.
     """
@@ -57,7 +65,7 @@ class Robot:
     moving_base: bool = False
     gravity: np.ndarray = EARTH
     loops: tuple[Loop, ...] = ()
-    platform: Platform | None = None
+    platforms: tuple[Platform, ...] = ()
 
     def __post_init__(self):
         self._check_gravity_and_base()
@@ -87,8 +95,10 @@ class Robot:
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
                 raise DescriptionError(f"frame {link.name!r} is on another link than the one of its name")
-        if self.platform is not None:
-            check_platform(self.platform, self)
+        for platform in self.platforms:
+            check_platform(platform, self)
+        if len({platform.link for platform in self.platforms}) < len(self.platforms):
+            raise DescriptionError("a link is a platform once: each module has its own")
         _ = self.leaders
 
     def __repr__(self):
@@ -105,6 +115,19 @@ class Robot:
         object.__setattr__(self, "gravity", gravity)
         if not isinstance(self.moving_base, bool | np.bool_):
             raise DescriptionError(f"moving_base is {self.moving_base!r}: True or False is needed")
+
+    @property
+    def platform(self):
+        """The Platform of a parallel robot, None of others. Raises QuestionError where there are many."""
+        if len(self.platforms) > 1:
+            names = ", ".join(self.platform_links)
+            raise QuestionError(f"{self.name!r} has {len(self.platforms)} platforms ({names}): say which one is meant")
+        return self.platforms[0] if self.platforms else None
+
+    @property
+    def platform_links(self):
+        """Names of the links of the platforms."""
+        return tuple(self.links[platform.link].name for platform in self.platforms)
 
     @property
     def base_link(self):
@@ -172,7 +195,8 @@ class Robot:
                     f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
                     "inertia, so the direct model has no answer"
                 )
-        found += [] if self.platform is None else self._loose_platform()
+        for platform in self.platforms:
+            found += self._loose(platform)
         return tuple(found)
 
     def way(self, link):
@@ -198,12 +222,12 @@ class Robot:
         lengths = [length for placed in placements if (length := np.linalg.norm(placed[:3, 3])) > 0]
         return float(np.mean(lengths)) if lengths else 1.0
 
-    def _loose_platform(self):
-        """What is doubtful about how the platform is held: sentences."""
-        held = sum(len({*self.platform.joints} & ({*self.way(a.link)} ^ {*self.way(b.link)})) > 0
+    def _loose(self, platform):
+        """What is doubtful about how a Platform is held: sentences."""
+        held = sum(len({*platform.joints} & ({*self.way(a.link)} ^ {*self.way(b.link)})) > 0
                    for a, b in (loop.ends for loop in self.loops))  # fmt: skip
         legs = "no leg" if held == 0 else "one leg alone"
-        name = self.links[self.platform.link].name
+        name = self.links[platform.link].name
         return [f"platform {name!r}: {legs} holds it, and a parallel robot has two at least"] if held < 2 else []
 
     @property
@@ -258,5 +282,7 @@ class Robot:
             )
         links = list(self.links)
         carrier = links[frame.link]
-        links[frame.link] = replace(carrier, inertia=carrier.inertia + inertia.seen_from(frame.placement))
+        seen = inertia.seen_from(frame.placement)
+        bends = carrier.flexibility and carrier.flexibility.with_body(Body(frame.placement[:3, 3], seen))
+        links[frame.link] = replace(carrier, inertia=carrier.inertia + seen, flexibility=bends)
         return replace(self, links=tuple(links))

@@ -65,15 +65,15 @@ def link_motions(robot, q, qd, qdd, base_twist, base_acceleration):
     return motions
 
 
-class Motion:
-    """How a link moves.
+class Turning:
+    """How a link turns.
 
-    R, P: iRj (..., 3, 3) and iPj (..., 3); omega: ω_j, turning: its derivative a_j, alpha: α_j (..., 3), the
-    acceleration of O_j with gravity taken off, all in frame j; xx, xy, ... the products of components of ω_j; B: B_j.
+    omega: ω_j, turning: its derivative a_j (..., 3), in the same axes; xx, xy, ... the products of components of ω_j;
+    B: B_j.
     """
 
-    def __init__(self, R, P, omega, turning, alpha):
-        self.R, self.P, self.omega, self.turning, self.alpha = R, P, omega, turning, alpha
+    def __init__(self, omega, turning):
+        self.omega, self.turning = omega, turning
         x, y, z = _entries(omega)
         a, b, c = _entries(turning)
         self.xx, self.yy, self.zz, self.xy, self.xz, self.yz = x * x, y * y, z * z, x * y, x * z, y * z  # eq. 2
@@ -87,6 +87,15 @@ class Motion:
         """B_j r, for a vector (..., 3)."""
         x, y, z = _entries(r)
         return _vector(*(row[0] * x + row[1] * y + row[2] * z for row in self.B))
+
+
+class Motion(Turning):
+    """How a link moves: turning, and besides R, P: iRj (..., 3, 3) and iPj (..., 3); alpha: α_j (..., 3), the
+    acceleration of O_j with gravity taken off. All in frame j."""
+
+    def __init__(self, R, P, omega, turning, alpha):
+        super().__init__(omega, turning)
+        self.R, self.P, self.alpha = R, P, alpha
 
 
 def _moved(joint, carrier, position, rate, acceleration):

@@ -9,6 +9,7 @@ Without loops G = S and the drift is zero. Loops place some of the joints t, the
 
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +18,9 @@ from scipy.linalg import qr
 from robot_dynamics.newton_euler import linear
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
-from robot_dynamics.newton_euler.loops import loop_equations
+from robot_dynamics.newton_euler.configuration import Configuration
+from robot_dynamics.newton_euler.least_squares import bordered, least_squares, partition
+from robot_dynamics.newton_euler.loops import loop_equations, rows_of_loops
 from robot_dynamics.newton_euler.mobility import CLOSES, closed_by, mobility
 from robot_dynamics.newton_euler.screw import apply
 
@@ -95,38 +98,25 @@ class Coupling:
         rows = qr(J.T, mode="r", pivoting=True)[1][: len(self.placed)]
         return replace(self, rows=rows, sense=-1 if np.linalg.det(J[rows]) < 0 else 1)
 
-    def tangent(self, q):
-        """(G (..., joints, n), the Orthogonal of J_d or None) at closed positions q (..., joints) of all joints."""
+    def at(self, q, formed=True):
+        """The Configuration at positions q (..., all joints) that close the loops. formed: whether by G, which costs
+        less where there are few independent joints, where it is needed besides, and of numbers."""
         if not len(self.placed):
-            return self.S, None
+            return Configuration(self, q, None, None, formed=True)
         J = loop_equations(self.robot, q).jacobian @ self.S
-        factors = linear.orthogonal(J[..., self.placed])
-        columns = [linear.least_squares(factors, -J[..., k]) for k in self.chosen]
-        share = (
-            np.stack(np.broadcast_arrays(*columns), axis=-1)
-            if columns
-            else np.zeros((*J.shape[:-2], len(self.placed), 0))
-        )
-        return self.S[:, self.chosen] + self.S[:, self.placed] @ share, factors
-
-    def drift(self, q, qd, factors):
-        """Accelerations (..., joints) of all joints with the independent ones not accelerated; q, qd (..., joints)."""
-        if factors is None:
-            return np.zeros(len(self.S), dtype=int)
-        turned = loop_equations(self.robot, q, qd).drift
-        return linear.least_squares(factors, -turned) @ self.S[:, self.placed].T
+        return Configuration(self, q, J, bordered(J[..., self.placed], self._partition), formed)
 
     def step(self, t):
         """(residual (..., rows), Newton's step (..., dependent), pivots, lengths, placing) of the loops at t (..., m).
 
-        pivots and lengths (..., dependent) are those of the Orthogonal of J_d. placing: (..., dependent, dependent)
+        pivots and lengths (..., dependent) are those of the Bordered form of J_d. placing: (..., dependent, dependent)
         rows of J_d of which the determinant is positive where the loops are known to be closed. It does not change its
         sign without passing a singular position.
         """
         equations = loop_equations(self.robot, t @ self.S.T + self.offset)
         J = equations.jacobian @ self.S[:, self.placed]
-        factors = linear.orthogonal(J)
-        step = linear.least_squares(factors, -equations.residual)
+        factors = bordered(J, self._partition)
+        step = least_squares(factors, -equations.residual[..., None])[..., 0]
         signs = np.array([self.sense] + [1] * (len(self.rows) - 1))
         placing = J[..., self.rows, :] * signs[: len(self.rows), None]
         return equations.residual, step, factors.pivots, factors.lengths, placing
@@ -238,8 +228,8 @@ class Coupling:
         """(N, m) the way from t to q (N, n) along the tangent."""
         way = np.zeros_like(t)
         way[:, self.chosen] = q - t[:, self.chosen]
-        G = self.tangent(t @ self.S.T + self.offset)[0]
-        way[:, self.placed] = apply(G, way[:, self.chosen])[:, self.dependent]
+        rates = self.at(t @ self.S.T + self.offset).rates(way[:, self.chosen])
+        way[:, self.placed] = rates[:, self.dependent]
         return np.nan_to_num(way)
 
     def _ahead(self, came, t, q):
@@ -268,6 +258,17 @@ class Coupling:
         """The condition number of J_d at positions t (m,), infinite where J_d is no finite matrix."""
         J = self._dependent_jacobian(t)
         return float(np.linalg.cond(J)) if np.isfinite(J).all() else np.inf
+
+    @cached_property
+    def _partition(self):
+        """How J_d falls into the rows of loops, and the columns of joints that no other loop has."""
+        ways = [
+            {*self.robot.way(loop.moved.link)} ^ {*self.robot.way(loop.closed_on.link)} for loop in self.robot.loops
+        ]
+        in_loops = np.array([self.S[sorted(way)][:, self.placed].any(axis=0) for way in ways])
+        alone = in_loops & (in_loops.sum(axis=0) == 1)
+        rows = [slice(*ends) for ends in pairwise(np.cumsum([0, *rows_of_loops(self.robot)]))]
+        return partition(rows, [np.flatnonzero(columns) for columns in alone], len(self.placed))
 
     @cached_property
     def _reach(self):

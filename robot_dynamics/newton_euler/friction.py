@@ -2,7 +2,7 @@
 
 import numpy as np
 
-_recorded_sign = np.frompyfunc(lambda scalar: scalar.signum(), 1, 1)
+_recorded_sign = np.frompyfunc(lambda scalar: scalar.signum() if hasattr(scalar, "signum") else np.sign(scalar), 1, 1)
 
 
 def friction(robot, qd):

@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.newton_euler.augmented import Turning
 from robot_dynamics.newton_euler.kinematics import link_placements, place
-from robot_dynamics.newton_euler.screw import apply, cross, screw, wrench_to_antecedent
+from robot_dynamics.newton_euler.screw import apply, cross, screw, stacked, wrench_to_antecedent
 
 
 class LoopEquations(NamedTuple):
@@ -60,8 +61,8 @@ def loop_equations(robot, q, qd=None):
         jacobians.append(_jacobian(*arms, len(robot.joints))[..., :rows, :] * scale[:, None])
         drifts.append((arms[0].drift - arms[1].drift)[..., :rows] * scale)
     # vectors as matrices of one column, to be stacked like them
-    residual, drift = (_stacked([rows[..., None] for rows in parts])[..., 0] for parts in (residuals, drifts))
-    return LoopEquations(residual, _stacked(jacobians), drift)
+    residual, drift = (stacked([rows[..., None] for rows in parts])[..., 0] for parts in (residuals, drifts))
+    return LoopEquations(residual, stacked(jacobians), drift)
 
 
 def loop_wrenches(robot, q, multipliers):
@@ -83,12 +84,6 @@ def loop_wrenches(robot, q, multipliers):
             yield end.link, wrench_to_antecedent(np.eye(3), end.placement[:3, 3], turned)
 
 
-def _stacked(matrices):
-    """Matrices (..., m, k) on top of each other."""
-    batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
-    return np.concatenate([np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])) for matrix in matrices], axis=-2)
-
-
 def _arm(robot, numbers, end, q, qd):
     """The _Arm of joints `numbers`, from the link where the chains part on."""
     R, P = np.eye(3, dtype=int), np.zeros(3, dtype=int)
@@ -103,7 +98,7 @@ def _arm(robot, numbers, end, q, qd):
         axes[number] = z, P
         if qd is not None:
             rate = qd[..., number : number + 1]
-            acceleration = acceleration + _centripetal(omega, turning, offset)
+            acceleration = acceleration + Turning(omega, turning).times(offset)
             if joint.prismatic:
                 acceleration = acceleration + 2 * cross(omega, z * rate)
             else:
@@ -111,16 +106,13 @@ def _arm(robot, numbers, end, q, qd):
                 omega = omega + z * rate
     offset = apply(R, end.placement[:3, 3])
     P = P + offset
-    acceleration = acceleration + _centripetal(omega, turning, offset)
+    if qd is not None:
+        acceleration = acceleration + Turning(omega, turning).times(offset)
     columns = {
         number: screw(z, np.zeros_like(z)) if robot.joints[number].prismatic else screw(cross(z, P - point), z)
         for number, (z, point) in axes.items()
     }
     return _Arm(R @ end.placement[:3, :3], P, columns, screw(acceleration, turning))
-
-
-def _centripetal(omega, turning, offset):
-    return cross(turning, offset) + cross(omega, cross(omega, offset))
 
 
 def _residual(moved, closed_on, ball):

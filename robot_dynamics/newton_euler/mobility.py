@@ -108,7 +108,8 @@ def _dependent(robot, free, looped, J, rank):
     chosen = [k for k in looped if not joints[k].actuated and joints[k].spring is None]
     elastic = [k for k in looped if not joints[k].actuated and joints[k].spring is not None]
     if np.linalg.matrix_rank(J[:, chosen], tol=RANK * np.linalg.norm(J, 2)) < len(chosen):
-        _refuse(robot, free, looped, rank, f"with {_driven_names(joints, looped)} held, passive joints can still move")
+        told = f"with {_driven_names(joints, looped)} held, passive joints can still move"
+        _refuse(robot, free, looped, rank, f"{told} {_controlled(joints, looped, J, rank)}")
     if len(chosen) < rank and elastic:
         basis = np.linalg.qr(J[:, chosen])[0] if chosen else np.zeros((len(J), 0))
         rest = J[:, elastic] - basis @ (basis.T @ J[:, elastic])
@@ -116,8 +117,9 @@ def _dependent(robot, free, looped, J, rank):
         enough = np.abs(np.diag(triangle)) > RANK * np.linalg.norm(J, 2)
         chosen += [elastic[k] for k in order[: len(enough)][enough]]
     if len(chosen) < rank:
-        _refuse(robot, free, looped, rank, f"{_driven_names(joints, looped)} cannot move independently")
-    # those of one loop first: so the zeros between legs that share a platform stay zero in the factors
+        told = f"{_driven_names(joints, looped)} cannot move independently"
+        _refuse(robot, free, looped, rank, f"{told} {_controlled(joints, looped, J, rank)}")
+    # those of one loop first, which are eliminated first
     of_loops = np.split(J != 0, np.cumsum(rows_of_loops(robot))[:-1])
     return np.array(sorted(chosen, key=lambda k: (sum(rows[:, k].any() for rows in of_loops), k)), dtype=int)
 
@@ -125,6 +127,13 @@ def _dependent(robot, free, looped, J, rank):
 def _driven_names(joints, looped):
     names = [repr(joints[k].name) for k in looped if joints[k].role in ("actuated", "elastic")]
     return ", ".join(names) if names else "no joint"
+
+
+def _controlled(joints, looped, J, rank):
+    """How many of the independent motions end where motors are held, and elastic joints: the rank of their control."""
+    loose = [k for k in looped if joints[k].role not in ("actuated", "elastic")]
+    left = len(loose) - np.linalg.matrix_rank(J[:, loose], tol=RANK * np.linalg.norm(J, 2))
+    return f"(they control {len(looped) - rank - left} of {len(looped) - rank} motions: the rank of their Jacobian)"
 
 
 def _refuse(robot, free, looped, rank, what):

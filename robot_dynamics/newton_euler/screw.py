@@ -63,11 +63,20 @@ def inertia_to_antecedent(R, P, J):
     return np.concatenate([top, bottom], axis=-2)
 
 
-def join(columns):
-    """Columns (..., 1) side by side: (..., number of columns)."""
-    return np.concatenate(np.broadcast_arrays(*columns), axis=-1) if columns else np.zeros(0)
+def join(vectors):
+    """Vectors (..., k), each of its own length, one after the other."""
+    if not vectors:
+        return np.zeros(0)
+    batch = np.broadcast_shapes(*(vector.shape[:-1] for vector in vectors))
+    return np.concatenate([np.broadcast_to(vector, (*batch, vector.shape[-1])) for vector in vectors], axis=-1)
 
 
-def pile(screws):
-    """Screws (..., 6) as rows: (..., number of screws, 6)."""
-    return np.stack(np.broadcast_arrays(*screws), axis=-2)
+def pile(rows):
+    """Vectors (..., k) as rows: (..., number of vectors, k)."""
+    return np.stack(np.broadcast_arrays(*rows), axis=-2)
+
+
+def stacked(matrices):
+    """Matrices (..., m, k) on top of each other."""
+    batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
+    return np.concatenate([np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])) for matrix in matrices], axis=-2)

@@ -3,15 +3,18 @@
 from array import array
 
 import numpy as np
+from trajectory_msgs.msg import JointTrajectoryPoint
 
 from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import QuestionError
+from robot_dynamics.natural_frequencies import Elastodynamics
 from robot_dynamics.nodes.messages import (
     nanoseconds,
     read_accelerations,
     read_base,
     read_base_point,
     read_efforts,
+    read_pose,
     read_positions,
     read_velocities,
     read_wrenches,
@@ -21,7 +24,7 @@ from robot_dynamics.nodes.messages import (
     write_trajectory,
 )
 from robot_dynamics.nodes.names import match_joints
-from robot_dynamics.nodes.platform import is_asked_by_platform, read_platform_motion, write_platform
+from robot_dynamics.nodes.platform import is_asked_by_platform, read_platform_motion, write_platforms
 
 
 def answer_inverse_dynamics(request, response, dynamics, namespace):
@@ -36,24 +39,26 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 
 def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
-    by_platform, base = is_asked_by_platform(request, robot), None
+    by_platform = is_asked_by_platform(request, robot)
     names = request.trajectory.joint_names or (dynamics.joint_names if by_platform else [])
     order = match_joints(names, dynamics, namespace)
     times = _times(points, (asked,), "it is what is asked for")
+    wrenches = read_wrenches(request.external_wrenches, times, robot, namespace)
     if by_platform:
-        q, qd, qdd = read_platform_motion(request, order, times, namespace, given == "accelerations")
+        told = read_platform_motion(request, order, times, namespace, given == "accelerations")
+        if given == "effort":
+            told["seed"] = dynamics.platform.joints(told["pose"], told["seed"], told["others"])
+            told["efforts"] = read_efforts(points, order, told["seed"])
+        answer = dynamics.platform.solve(**told, external_wrenches=wrenches)
     else:
         q = read_positions(points, order)
         qd = read_velocities(points, order, q)
-        qdd = read_accelerations(points, order, q, qd) if given == "accelerations" else None
+        if given == "effort":
+            told = {"efforts": read_efforts(points, order, q)}
+        else:
+            told = {"qdd": read_accelerations(points, order, q, qd)}
         base = read_base(request.base, times, robot, namespace)
-    answer = dynamics.solve(
-        q,
-        qd,
-        **({"efforts": read_efforts(points, order, q)} if given == "effort" else {"qdd": qdd}),
-        base=base,
-        external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
-    )
+        answer = dynamics.solve(q, qd, **told, base=base, external_wrenches=wrenches)
     response.trajectory = write_trajectory(
         request.trajectory,
         order,
@@ -62,8 +67,8 @@ def _complete(request, response, dynamics, namespace, given, asked):
     )
     if robot.moving_base:
         response.base = write_base(request.base, answer.base_acceleration, robot)
-    elif robot.platform is not None:
-        response.base = write_platform(points, answer.motion, dynamics)
+    elif robot.platforms:
+        response.base = write_platforms(points, answer.motion, dynamics)
     if request.reaction_wrenches:
         response.reactions = write_reactions(points, answer.reactions, order)
     response.success = True
@@ -96,6 +101,23 @@ def answer_static_equilibrium(request, response, dynamics, namespace):
     response.stable = found.stable.tolist()
     if request.reaction_wrenches:
         response.reactions = write_reactions(points, found.reactions, order)
+    response.success = True
+    return response
+
+
+def answer_natural_frequencies(request, response, dynamics, namespace):
+    """NaturalFrequencies.srv: frequencies and modes at one pose, told by joints or by the platform."""
+    if request.joint_names or request.positions or not dynamics.robot.platforms:
+        order = match_joints(request.joint_names, dynamics, namespace)
+        point = JointTrajectoryPoint(positions=request.positions)
+        where = {"q": read_positions([point], order, place="request")[0]}
+    else:
+        where = {"pose": read_pose(request.platform, "platform")}
+    elastodynamics = Elastodynamics(dynamics, list(request.held)) if request.held else dynamics.elastodynamics
+    found = elastodynamics.natural_frequencies(**where, count=request.count or None)
+    response.frequencies = array("d", found.frequencies.tobytes())
+    response.coordinates = list(found.coordinates)
+    response.mode_shapes = array("d", np.ascontiguousarray(found.mode_shapes).tobytes())
     response.success = True
     return response
 

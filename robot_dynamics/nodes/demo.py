@@ -1,9 +1,10 @@
 """The demo: a dynamics_server in a process of its own serves the Panda; this process asks it over ROS 2, prints what it
-answers and draws a picture of it."""
+answers and draws a picture of it. Then simulated robots move under computed_torque (demo_closed_loop)."""
 
 import argparse
 import os
 import sys
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -18,6 +19,8 @@ from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, Inverse
 
 matplotlib.use("Agg")  # no screen is needed
 from matplotlib import pyplot
+
+from robot_dynamics.nodes import demo_closed_loop
 
 START = np.array([-0.9, -0.6, 0.4, -2.4, 0.5, 1.2, -0.8])
 GOAL = np.array([0.9, 0.5, -0.4, -1.2, -0.6, 2.6, 0.8])
@@ -138,6 +141,8 @@ def draw(picture, time, empty, loaded, joint_names):
 def main(arguments=None):
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
     parser.add_argument("--picture", default="demo.png", help="where to write the picture (default: %(default)s)")
+    parser.add_argument("--tracking", default="demo_tracking.png", help="and that of tracking (default: %(default)s)")
+    parser.add_argument("--bag", default="demo_bag", help="folder of the bags, written anew (default: %(default)s)")
     options = parser.parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     namespace = f"/demo_{os.getpid()}"  # so that two demos do not meet
@@ -145,7 +150,10 @@ def main(arguments=None):
     caller = Caller("demo", namespace)
     try:
         with running_node("dynamics_server", {"robot_file": "panda"}, namespace):
-            return run(caller, f"{namespace}/dynamics_server", options.picture)
+            asked = run(caller, f"{namespace}/dynamics_server", options.picture)
+        return asked or demo_closed_loop.run(
+            caller, namespace, (START, GOAL, DURATION), options.tracking, Path(options.bag)
+        )
     except (RobotDynamicsError, TimeoutError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 1

@@ -1,8 +1,8 @@
-"""The node dynamics_server: inverse and direct dynamics, static equilibria and the terms of the model as services."""
+"""The node dynamics_server: inverse and direct dynamics, static equilibria, natural frequencies and the terms of the
+model as services."""
 
 import traceback
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from robot_dynamics.errors import RobotDynamicsError
@@ -10,22 +10,32 @@ from robot_dynamics.nodes.answers import (
     answer_direct_dynamics,
     answer_dynamics_terms,
     answer_inverse_dynamics,
+    answer_natural_frequencies,
     answer_static_equilibrium,
 )
+from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
-from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics, StaticEquilibrium
+from robot_dynamics_interfaces.srv import (
+    DirectDynamics,
+    DynamicsTerms,
+    InverseDynamics,
+    NaturalFrequencies,
+    StaticEquilibrium,
+)
 
 SERVICES = (
     (InverseDynamics, "inverse_dynamics", answer_inverse_dynamics),
     (DirectDynamics, "direct_dynamics", answer_direct_dynamics),
     (DynamicsTerms, "dynamics_terms", answer_dynamics_terms),
     (StaticEquilibrium, "static_equilibrium", answer_static_equilibrium),
+    (NaturalFrequencies, "natural_frequencies", answer_natural_frequencies),
 )
 
 
 class DynamicsServer(Node):
-    """Serves ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms and ~/static_equilibrium for a robot.
+    """Serves ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/static_equilibrium and ~/natural_frequencies
+    for a robot.
 
     The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
     from the topic robot_description: dynamics_server --ros-args -p robot_file:=panda
@@ -42,8 +52,7 @@ class DynamicsServer(Node):
         self._served = [
             self.create_service(kind, f"~/{name}", self._serve(name, answer)) for kind, name, answer in SERVICES
         ]
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 1)
-        self._timer = self.create_timer(1.0, self._publish_diagnostics)
+        self._diagnostics = Diagnostics(self, "robot", self._report)
 
     def _serve(self, name, answer):
         def serve(request, response):
@@ -63,22 +72,13 @@ class DynamicsServer(Node):
 
         return serve
 
-    def _publish_diagnostics(self):
-        status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: robot", hardware_id=self._robot.name)
-        if not self._robot.name:
-            status.level, status.message = DiagnosticStatus.ERROR, f"no robot is loaded: {self._robot.refusal}"
-        elif self._robot.refusal:
-            status.level, status.message = DiagnosticStatus.WARN, f"last change refused: {self._robot.refusal}"
-        else:
-            status.level, status.message = DiagnosticStatus.OK, f"serving {self._robot.name!r}"
-        status.values = [
-            KeyValue(key="requests answered", value=str(self._answered)),
-            KeyValue(key="requests refused", value=str(self._refused)),
-            KeyValue(key="last refusal", value=self._last_refusal),
-        ]
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+    def _report(self, _elapsed):
+        values = {
+            "requests answered": self._answered,
+            "requests refused": self._refused,
+            "last refusal": self._last_refusal,
+        }
+        return *self._robot.health(), self._robot.name, values
 
 
 def main(arguments=None):

@@ -3,7 +3,7 @@
 from array import array
 
 import numpy as np
-from geometry_msgs.msg import Transform, Twist, Wrench, WrenchStamped
+from geometry_msgs.msg import Accel, Pose, Transform, Twist, Wrench, WrenchStamped
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import (
     JointTrajectory,
@@ -132,16 +132,19 @@ def read_base(base, times, robot, namespace, at_rest=False):
     """
     if not robot.moving_base:
         return _no_base(robot, base.points or base.joint_names)
-    return read_points(base, times, robot.base_link, namespace, f"the base of {robot.name!r}", at_rest)
+    whose = f"the base of {robot.name!r}"
+    return read_points(base, times, (robot.base_link,), namespace, whose, at_rest)[robot.base_link]
 
 
-def read_points(base, times, link, namespace, whose, at_rest=False):
-    """The Base of a MultiDOFJointTrajectory that tells the motion of a link, at points at `times` [ns].
+def read_points(base, times, links, namespace, whose, at_rest=False):
+    """{link: Base} of a MultiDOFJointTrajectory that tells the motion of links, at points at `times` [ns].
 
-    whose: what to call the link in errors.
+    whose: what to call the links in errors.
     """
-    for name in base.joint_names:
-        resolve("base link", name, [link], namespace)
+    names = [resolve("base link", name, links, namespace) for name in base.joint_names] or list(links)
+    if sorted(names) != sorted(links):
+        told = f"base.joint_names are {', '.join(names)}"
+        raise QuestionError(f"{told}: each of {', '.join(links)} is needed once, or none of the names")
     if len(base.points) != len(times):
         raise QuestionError(
             f"base.points has {len(base.points)} entries: {whose} moves, so its pose and twist are "
@@ -154,7 +157,7 @@ def read_points(base, times, link, namespace, whose, at_rest=False):
     for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
         if nanoseconds(point.time_from_start) not in (0, time):
             raise QuestionError(f"base.points[{number}].time_from_start differs from that of the trajectory's point")
-    return _base(base.points, "base.points[{}]", at_rest)
+    return {link: _base(base.points, "base.points[{}]", at_rest, k, names) for k, link in enumerate(names)}
 
 
 def read_base_point(point, robot):
@@ -171,37 +174,48 @@ def _no_base(robot, given):
         raise QuestionError(f"the base of {robot.name!r} is fixed: leave the field base empty")
 
 
-def _base(points, place, at_rest=False):
-    """The Base of MultiDOFJointTrajectoryPoints, each with one pose, one twist and one acceleration or none."""
+def _base(points, place, at_rest=False, entry=0, links=("the base link",)):
+    """The Base of an entry of MultiDOFJointTrajectoryPoints, each of which has for each of the links one pose, one
+    twist and one acceleration or none."""
     accelerated = any(len(point.accelerations) for point in points)
     moves = not at_rest or any(len(point.velocities) for point in points)
     for field in ("transforms", *(["velocities"] if moves else []), *(["accelerations"] if accelerated else [])):
         for number, point in enumerate(points):
-            if len(getattr(point, field)) != 1:
+            if len(getattr(point, field)) != len(links):
                 found = f"{place.format(number)}.{field} has {len(getattr(point, field))} entries"
-                raise QuestionError(f"{found}: one is needed, of the base link")
+                needed = "one is needed" if len(links) == 1 else f"{len(links)} are needed"
+                raise QuestionError(f"{found}: {needed}, of {', '.join(links)}")
+
+    def twists(field):
+        return _twists([getattr(point, field)[entry] for point in points], f"{place}.{field}[{entry}]")
+
     return Base(
-        pose=_poses([point.transforms[0] for point in points], place),
-        twist=_twists([point.velocities[0] for point in points], f"{place}.velocities[0]") if moves else np.zeros(6),
-        acceleration=_twists([point.accelerations[0] for point in points], f"{place}.accelerations[0]")
-        if accelerated
-        else None,
+        pose=_poses([point.transforms[entry] for point in points], place),
+        twist=twists("velocities") if moves else np.zeros(6),
+        acceleration=twists("accelerations") if accelerated else None,
     )
 
 
-def _poses(transforms, place):
-    """Homogeneous matrices (N, 4, 4) of geometry_msgs/Transform."""
+def _poses(transforms, place, names=("transforms[0].translation", "transforms[0].rotation")):
+    """Homogeneous matrices (N, 4, 4) of geometry_msgs/Transform. names: of their fields, for errors."""
     rotations = np.array([[t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w] for t in transforms])
     poses = np.tile(np.eye(4), (len(transforms), 1, 1))
     poses[:, :3, 3] = [[t.translation.x, t.translation.y, t.translation.z] for t in transforms]
     norms = np.linalg.norm(rotations, axis=1)
     wrong = np.flatnonzero(~(np.abs(norms - 1) < UNIT_QUATERNION))
     if len(wrong):
-        found = f"{place.format(wrong[0])}.transforms[0].rotation has norm {norms[wrong[0]]:.6g}"
+        found = f"{place.format(wrong[0])}.{names[1]} has norm {norms[wrong[0]]:.6g}"
         raise QuestionError(f"{found}: 1 is needed")
     poses[:, :3, :3] = Rotation.from_quat(rotations).as_matrix()
-    _require_finite(poses, f"{place}.transforms[0].translation")
+    _require_finite(poses, f"{place}.{names[0]}")
     return poses
+
+
+def read_pose(pose, place):
+    """Homogeneous matrix (4, 4) of a geometry_msgs/Pose; place: where in the message it is, for errors."""
+    position, q = pose.position, pose.orientation
+    transform = write_transform((position.x, position.y, position.z), (q.x, q.y, q.z, q.w))
+    return _poses([transform], place, ("position", "orientation"))[0]
 
 
 def _twists(twists, place):
@@ -226,10 +240,7 @@ def read_wrenches(stamped, times, robot, namespace):
             link = resolve("link", wrench.header.frame_id, robot.frames_by_name, namespace)
         except QuestionError as error:
             raise QuestionError(f"external_wrenches[{number}].header.frame_id: {error}") from None
-        force, torque = wrench.wrench.force, wrench.wrench.torque
-        values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
-        if not np.isfinite(values).all():
-            raise QuestionError(f"external_wrenches[{number}] on {link!r} is {values}: finite numbers are needed")
+        values = read_wrench(wrench.wrench, f"external_wrenches[{number}] on {link!r}")
         stamp = nanoseconds(wrench.header.stamp)
         if wrench.header.stamp.sec < 0 or wrench.header.stamp.nanosec >= 1_000_000_000:
             raise QuestionError(f"external_wrenches[{number}].header.stamp is no time since a start")
@@ -295,11 +306,37 @@ def write_reactions(points, reactions, order):
     return stamped
 
 
+def read_twist(message, place):
+    """(6,) of a geometry_msgs/Twist. place: what to call it in errors."""
+    return _twists([message], place)[0]
+
+
+def read_wrench(message, place):
+    """(6,) of a geometry_msgs/Wrench. place: what to call it in errors."""
+    force, torque = message.force, message.torque
+    values = np.array([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    if not np.isfinite(values).all():
+        raise QuestionError(f"{place} is {values}: finite numbers are needed")
+    return values
+
+
 def write_wrench(values):
     message = Wrench()
     message.force.x, message.force.y, message.force.z = map(float, values[:3])
     message.torque.x, message.torque.y, message.torque.z = map(float, values[3:])
     return message
+
+
+def write_pose(position, quaternion):
+    message = Pose()
+    message.position.x, message.position.y, message.position.z = map(float, position)
+    orientation = message.orientation
+    orientation.x, orientation.y, orientation.z, orientation.w = map(float, quaternion)
+    return message
+
+
+def write_accel(values):
+    return _linear_angular(Accel(), values)
 
 
 def write_transform(position, quaternion):
@@ -310,7 +347,10 @@ def write_transform(position, quaternion):
 
 
 def write_twist(values):
-    message = Twist()
+    return _linear_angular(Twist(), values)
+
+
+def _linear_angular(message, values):
     message.linear.x, message.linear.y, message.linear.z = map(float, values[:3])
     message.angular.x, message.angular.y, message.angular.z = map(float, values[3:])
     return message

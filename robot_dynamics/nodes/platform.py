@@ -1,61 +1,101 @@
-"""The platform of a parallel robot in messages: its state stands in the field base, as that of a moving base does."""
+"""The platforms of a parallel robot in messages: their state stands in the field base, as that of a moving base."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from robot_dynamics.errors import QuestionError
-from robot_dynamics.nodes.messages import read_points, read_positions, require_empty, write_transform, write_twist
+from robot_dynamics.nodes.messages import read_points, require_empty, write_transform, write_twist
 
 
 def is_asked_by_platform(request, robot):
-    """Whether a request tells how the platform of a robot on the ground moves, in the place of its joints."""
-    return robot.platform is not None and not robot.moving_base and len(request.base.points) > 0
+    """Whether a request tells how the platforms of a robot on the ground move, in the place of its joints."""
+    return bool(robot.platforms) and not robot.moving_base and len(request.base.points) > 0
 
 
 def read_platform_motion(request, order, times, namespace, accelerated):
-    """(q, qd, qdd): positions (N, all joints), rates and accelerations (N, n) of the independent joints.
+    """What PlatformDynamics.solve takes beside efforts and wrenches, as a mapping.
 
-    order: JointOrder; times: of the points [ns]; accelerated: whether the acceleration of the platform is told, and not
-    asked for. Positions of all joints may be given: they are where the search for closed loops begins.
+    order: JointOrder; times: of the points [ns]; accelerated: whether accelerations of the platforms are told, and not
+    asked for. Positions of joints may be given: they are where the search for closed loops begins. Joints that no
+    platform places have positions, velocities and accelerations of their own.
     """
-    dynamics, points = order.dynamics, request.trajectory.points
-    robot = dynamics.robot
-    platform = robot.links[robot.platform.link].name
-    for number, point in enumerate(points):
-        for field in ("velocities", "accelerations"):
-            require_empty(point, field, f"points[{number}]", "base tells how the platform moves, and so all joints")
-    told = read_points(request.base, times, platform, namespace, f"the platform of {robot.name!r}")
-    if accelerated and told.acceleration is None:
+    points, robot, platform = request.trajectory.points, order.dynamics.robot, order.dynamics.platform
+    told = read_points(request.base, times, platform.links, namespace, f"the platform of {robot.name!r}")
+    acceleration = {link: base.acceleration for link, base in told.items() if base.acceleration is not None}
+    if accelerated and not acceleration:
         raise QuestionError("base.points[0].accelerations has 0 entries: the acceleration of the platform is needed")
-    if not accelerated and told.acceleration is not None:
+    if not accelerated and acceleration:
         raise QuestionError("base.points[0].accelerations has values: it is what is asked for, leave it empty")
-    seed = None
-    if any(len(point.positions) for point in points):
-        seed = read_positions(points, order)
-    q, qd, qdd = dynamics.platform.motion(told.pose, told.twist, told.acceleration, seed)
-    independent = [robot.joint_numbers[name] for name in dynamics.joint_names]
-    driven = [robot.joints[number].actuated for number in independent]
-    return q, qd[:, independent], np.where(driven, qdd[:, independent], 0.0)
+    others = [robot.joint_numbers[name] for name in platform.other_joint_names]
+    seed = _told(points, "positions", order)
+    if seed is not None and np.isnan(seed).all():
+        seed = None
+    rates = [_told_of_others(points, field, order, others) for field in ("velocities", "accelerations")]
+    motion = {
+        "pose": {link: base.pose for link, base in told.items()},
+        "twist": {link: base.twist for link, base in told.items()},
+        "acceleration": acceleration,
+    }
+    if len(platform.links) == 1:
+        motion = {key: value.get(platform.links[0]) for key, value in motion.items()}
+    return {**motion, "acceleration": motion["acceleration"] if accelerated else None, "seed": seed,
+            "others": [None, *rates]}  # fmt: skip
 
 
-def write_platform(points, motion, dynamics):
-    """The MultiDOFJointTrajectory of the platform: pose, twist and acceleration at each point of a trajectory.
+def _told(points, field, order):
+    """(N, all joints) of a field, nan for joints of which it says nothing; None where it is empty in all points."""
+    columns, size = [getattr(point, field) for point in points], len(order.asked)
+    if not any(len(column) for column in columns):
+        return None
+    for number, column in enumerate(columns):
+        if len(column) != size:
+            raise QuestionError(
+                f"points[{number}].{field} has {len(column)} values: {size} are needed, one for each joint, or none"
+            )
+    everyone = np.full((len(points), len(order.dynamics.all_joint_names)), np.nan)
+    everyone[:, order.numbers] = columns
+    return everyone
+
+
+def _told_of_others(points, field, order, others):
+    """(N, k) of a field for joints `others` (numbers), which no platform places; None where it is empty."""
+    if not others:
+        for number, point in enumerate(points):
+            require_empty(point, field, f"points[{number}]", "base tells how the platform moves, and so all joints")
+    everyone = _told(points, field, order)
+    if everyone is None:
+        return None
+    for place, number in enumerate(order.numbers):
+        wrong = ~np.isnan(everyone[:, number])
+        if number not in others and wrong.any():
+            raise QuestionError(
+                f"points[{np.argmax(wrong)}].{field}[{place}] has a value: base tells how the platform moves, and so "
+                f"joint {order.asked[place]!r}. Give nan there"
+            )
+    return everyone[:, others]
+
+
+def write_platforms(points, motion, dynamics):
+    """The MultiDOFJointTrajectory of the platforms: pose, twist and acceleration of each at each point of a trajectory.
 
     motion: JointMotion (N, all joints).
     """
-    platform, robot = dynamics.platform, dynamics.robot
-    poses = platform.pose(motion.positions)
-    rotations = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
-    columns = zip(points, poses, rotations, platform.twist(motion), platform.acceleration(motion), strict=True)
-    answer = MultiDOFJointTrajectory(joint_names=[robot.links[robot.platform.link].name])
-    answer.points = [
-        MultiDOFJointTrajectoryPoint(
-            transforms=[write_transform(pose[:3, 3], rotation)],
-            velocities=[write_twist(twist)],
-            accelerations=[write_twist(acceleration)],
-            time_from_start=point.time_from_start,
+    platform = dynamics.platform
+    told = [platform.pose(motion.positions), platform.twist(motion), platform.acceleration(motion)]
+    if len(platform.links) > 1:
+        told = [np.stack([values[link] for link in platform.links], axis=1) for values in told]
+    else:
+        told = [values[:, None] for values in told]
+    answer = MultiDOFJointTrajectory(joint_names=list(platform.links))
+    for point, poses, twists, accelerations in zip(points, *told, strict=True):
+        rotations = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+        answer.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[write_transform(pose[:3, 3], turn) for pose, turn in zip(poses, rotations, strict=True)],
+                velocities=[write_twist(twist) for twist in twists],
+                accelerations=[write_twist(acceleration) for acceleration in accelerations],
+                time_from_start=point.time_from_start,
+            )
         )
-        for point, pose, rotation, twist, acceleration in columns
-    ]
     return answer

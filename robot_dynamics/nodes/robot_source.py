@@ -11,6 +11,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError
 from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.library import read_file, read_robot
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BASES = {"": None, "fixed": False, "moving": True}
@@ -37,10 +38,14 @@ class RobotSource:
     """The robot of a node, from its parameters or from the latched topic robot_description.
 
     A change is tried first: what cannot be loaded is refused with a reason, and the robot before it stays.
+
+    adopted: called with each new Dynamics. worker: a concurrent.futures.Executor that loads what comes on the topic,
+    and calls `adopted` of it, while the node goes on with its other work; None: the node waits for it.
     """
 
-    def __init__(self, node):
-        self._node = node
+    def __init__(self, node, adopted=None, worker=None):
+        self._node, self._adopted, self._worker = node, adopted, worker
+        self._bare = None, None  # what was read last, and the robot of it: another payload is no reason to read again
         self._dynamics = self._candidate = None
         self._published = None  # the last text on the topic that was a robot
         self.refusal = (
@@ -72,6 +77,14 @@ class RobotSource:
         """Name of the robot, empty where none is loaded."""
         return self._dynamics.robot.name if self._dynamics else ""
 
+    def health(self):
+        """(level, message) of a DiagnosticStatus: whether a robot is loaded, and whether its last change was."""
+        if not self.name:
+            return ERROR, f"no robot is loaded: {self.refusal}"
+        if self.refusal:
+            return WARN, f"last change refused: {self.refusal}"
+        return OK, f"serving {self.name!r}"
+
     def _settings(self, changes=()):
         """The values of PARAMETERS, each in its type, as they are or would be after changes {name: value}."""
         values = {name: self._node.get_parameter(name).value for name in PARAMETERS}
@@ -97,9 +110,11 @@ class RobotSource:
     def _read(self, text, source, settings):
         if settings["base"] not in BASES:
             raise DescriptionError(f"parameter base is {settings['base']!r}: fixed, moving or nothing is right")
-        robot = read_robot(
-            text, source=source, moving_base=BASES[settings["base"]], gravity=settings["gravity"] or None
-        )
+        told = {"moving_base": BASES[settings["base"]], "gravity": settings["gravity"] or None}
+        read, robot = self._bare
+        if read != (text, source, told):
+            robot = read_robot(text, source=source, **told)
+            self._bare = (text, source, told), robot
         robot = with_payload(robot, settings)
         if settings["strict"]:
             robot.refuse_doubtful()
@@ -115,6 +130,8 @@ class RobotSource:
         logger.info(f"serving {robot!r}, {f'{mass} kg on {link!r}' if link else 'no payload'}, gravity {robot.gravity}")
         for warning in robot.warnings:
             logger.warning(f"robot {robot.name!r}: {warning}")
+        if self._adopted is not None:
+            self._adopted(dynamics)
 
     def _try(self, change):
         """Make a change, or tell why it is refused and let the robot stay. Returns the reason, empty if none."""
@@ -156,7 +173,10 @@ class RobotSource:
             else:
                 self._node.get_logger().info(f"robot on the topic robot_description kept aside: {parameter} is set")
 
-        self._try(change)
+        if self._worker is None:
+            self._try(change)
+        elif message.data != self._published:  # the same once more is no change
+            self._worker.submit(self._try, change)
 
 
 def typed(name, value):
@@ -164,6 +184,11 @@ def typed(name, value):
     if name == "gravity" and np.size(value) == 0:
         value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
+    return typed_as(default, name, value, PARAMETERS[name][1])
+
+
+def typed_as(default, name, value, description):
+    """The value of a parameter in the type, and of a list in the length, of `default`. Raises QuestionError."""
     if isinstance(default, str | bool):
         if isinstance(value, type(default)):
             return value
@@ -178,7 +203,7 @@ def typed(name, value):
     texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list | tuple) else [value]))
     if numbers.dtype.kind != "f" or texts or numbers.shape != np.shape(default):
         need = "a number is" if isinstance(default, float) else f"{size} numbers are"
-        raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {PARAMETERS[name][1]}")
+        raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {description}")
     return numbers.tolist()
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import inspect
+import logging
 import os
 import signal
 import subprocess
@@ -21,18 +22,22 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.symbolic import background
+
 # A server can get the first request of a client before it has found where that client listens. The middleware then
 # drops the answer, so a first question that is not answered in this time [s] is asked again.
 DISCOVERY = 2.0
 
 
-def run(make_node, arguments=None):
+def run(make_node, arguments=None, executor=SingleThreadedExecutor):
     """Be the process of one node: make it, spin it, and end cleanly on SIGINT or SIGTERM.
 
-    make_node: a class, whose docstring is what --help says, or a function. Arguments and parameter files that ROS
-    refuses are told in a line and end the process with status 1; what is no argument of ROS is refused as well. Signals
-    are not left to rclpy: its handler shuts the context down in a thread of its own, and where that meets the shutdown
-    here, the process ends with an error.
+    make_node: a class, whose docstring is what --help says, or a function. executor: the class of what spins it.
+    Arguments and parameter files that ROS refuses, and values of parameters that the node does, are told in a line and
+    end the process with status 1; what is no argument of ROS is refused as well. Signals are not left to rclpy: its
+    handler shuts the context down in a thread of its own, and where that meets the shutdown here, the process ends with
+    an error.
     """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -49,9 +54,9 @@ def run(make_node, arguments=None):
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         parser.parse_args(remove_ros_args(command)[1:])
         node = make_node()
-    except (RuntimeError, ParameterException) as error:  # what rclpy raises of arguments, names and files
+    except (RuntimeError, ParameterException, RobotDynamicsError) as error:  # the first two are rclpy's
         sys.exit(f"{name}: {error}")
-    executor = SingleThreadedExecutor()
+    executor = executor()
     executor.add_node(node)
     try:
         while not stopped.is_set():
@@ -60,15 +65,27 @@ def run(make_node, arguments=None):
         for number in (signal.SIGINT, signal.SIGTERM):  # asked once more while it ends, it still ends cleanly
             signal.signal(number, signal.SIG_IGN)
         executor.shutdown()
+        node.destroy_node()
         rclpy.shutdown()
+    _leave_compilers_behind()
+
+
+def _leave_compilers_behind():
+    """End this process at once, with success, where a model is being compiled: Python would wait for its thread, some
+    seconds for a large robot, and nobody will ask for the model. What programs are kept is written whole or not."""
+    if any(thread.name == background.NAME for thread in threading.enumerate()):
+        logging.shutdown()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 @contextmanager
-def running_node(executable, parameters=None, namespace="/", environment=None, log=None):
+def running_node(executable, parameters=None, namespace="/", environment=None, log=None, remappings=None):
     """Run a node of this package in a process of its own; it is gone when the block ends, whatever happens in it.
 
     executable: name of its module in robot_dynamics.nodes. parameters: values by name. environment: variables beside
-    those of this process. log: an open file that takes what it prints; None: printed here.
+    those of this process. log: an open file that takes what it prints; None: printed here. remappings: {name: new}.
 
     Yields the subprocess.Popen.
     """
@@ -77,6 +94,8 @@ def running_node(executable, parameters=None, namespace="/", environment=None, l
         file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters or {}}}))
         command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args"]
         command += ["-r", f"__ns:={namespace}", "--params-file", str(file)]
+        for old, new in (remappings or {}).items():
+            command += ["-r", f"{old}:={new}"]
         process = subprocess.Popen(command, env={**os.environ, **(environment or {})}, stdout=log, stderr=log)
         try:
             yield process
@@ -84,7 +103,7 @@ def running_node(executable, parameters=None, namespace="/", environment=None, l
             stop(process)
 
 
-def stop(process, patience=5.0):
+def stop(process, patience=20.0):
     """Interrupt a process as ctrl-C does, and kill it where that does not end it within `patience` seconds."""
     deadline = time.monotonic() + patience
     while process.poll() is None:

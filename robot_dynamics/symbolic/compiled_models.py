@@ -3,12 +3,13 @@
 import logging
 import time
 from functools import cache, partial
-from threading import Lock, Thread
+from threading import Lock
 
 import numpy as np
 
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.symbolic import models
+from robot_dynamics.symbolic.background import in_background
 from robot_dynamics.symbolic.compiled import CompiledProgram, compile_program, load_program
 from robot_dynamics.symbolic.fingerprint import fingerprint
 from robot_dynamics.symbolic.python_code import python_batch, python_function
@@ -22,6 +23,7 @@ MODELS = {
     "gravity": models.gravity_model,
     "coriolis": models.coriolis_model,
     "bias": models.bias_model,
+    "friction": models.friction_model,
     "regressor": models.regressor_model,
     "closure": models.closure_model,
 }
@@ -96,12 +98,12 @@ class CompiledModels:
         return self._programs.get((name, tuple(wrenches), told, guarded))
 
     def note(self, seconds, name, wrenches=(), told=False, guarded=False):
-        """Tell that a model took so long without a program; one that is worth it is made, in a thread of its own."""
+        """Tell that a model took so long without a program; one that is worth it is made, in the background."""
         key = (name, tuple(wrenches), told, guarded)
         self._spent[key] = self._spent.get(key, 0.0) + seconds
         if self._spent[key] > PATIENCE and key not in self._started and len(self._started) < MOST_PROGRAMS:
             self._started.add(key)
-            Thread(target=self._try, args=key, name=f"compile {name}").start()
+            in_background(self._try, *key)
 
     def _try(self, *key):
         try:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 PACKAGE = Path(__file__).parents[1]
-FOLDERS = ("model", "newton_euler", "symbolic")
+FOLDERS = ("elastodynamics", "model", "newton_euler", "symbolic")
 """Of the package, where all lies that a program of a Robot depends on."""
 IMPORTED = time.time()
 NUMBERS = "biufc"  # kinds of NumPy's types of which the bytes are the value

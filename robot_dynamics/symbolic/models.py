@@ -17,9 +17,9 @@ from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.friction import friction
-from robot_dynamics.newton_euler.kinematics import link_placements
+from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
 from robot_dynamics.newton_euler.regressor import regressor
-from robot_dynamics.newton_euler.screw import wrench_to_antecedent
+from robot_dynamics.newton_euler.screw import cross, wrench_to_antecedent
 from robot_dynamics.symbolic.base_parameters import gathered
 from robot_dynamics.symbolic.program import program_of
 from robot_dynamics.symbolic.scalar import Trace
@@ -34,7 +34,12 @@ ARGUMENTS_OF_BASE = {
     "regressor": MOVING,
     "gravity": ("gravity",),
     "coriolis": ("twist",),
+    "frames": ("twist",),
 }
+
+# models that take no matrix of how all joints move with the independent ones, but where these are few
+BY_VECTORS = ("inverse", "gravity", "coriolis", "bias")
+FEW = 2
 
 
 def inverse_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
@@ -97,6 +102,12 @@ def bias_model(robot, *, gather=True):
     return model.program({"bias": model.rows(-model.gravity_screw)})
 
 
+def friction_model(robot, *, gather=True):
+    """q, qd -> friction (n,), as Dynamics.friction: of all joints, as felt at the independent ones."""
+    model = _Model("friction", robot, ("q", "qd"), gather=gather)
+    return model.program({"friction": model.gathered(friction(robot, model.qd))})
+
+
 def regressor_model(robot):
     """q, qd, qdd (twist, gravity, base_acceleration) -> regressor (m, p), its columns as in newton_euler.regressor."""
     model = _Model("regressor", robot, ("q", "qd", "qdd"), told=robot.moving_base, prepare=False)
@@ -125,6 +136,22 @@ def pose_model(robot, frame):
     pose = np.zeros((4, 4), dtype=object)
     pose[:3, :3], pose[:3, 3], pose[3, 3] = R, P, 1
     return model.program({"pose": pose @ placed.placement})
+
+
+def frames_model(robot, frames):
+    """q, qd (and the twist (6,) of a moving base) -> rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) of the
+    origins of named frames, all in frame 0."""
+    model = _Model("frames", robot, ("q", "qd"), gather=False)
+    placements = link_placements(model.robot, model.q)
+    twists = sweep_forward(model.robot, model.q, model.qd, model.twist, {}).velocities
+    rotations, positions, velocities = [], [], []
+    for frame in map(model.robot.frame, frames):
+        (R, P), offset, twist = placements[frame.link], frame.placement[:3, 3], twists[frame.link]
+        rotations.append(R @ frame.placement[:3, :3])
+        positions.append(P + R @ offset)
+        velocities.append(R @ (twist[:3] + cross(twist[3:], offset)))
+    named = {"rotations": rotations, "positions": positions, "velocities": velocities}
+    return model.program({name: np.array(values, dtype=object) for name, values in named.items()})
 
 
 class _Model:
@@ -157,25 +184,26 @@ class _Model:
         return self.inputs["q"] @ self.coupling.S.T + self.coupling.offset
 
     def _move(self):
-        """Velocities of all joints, and G and the drift that lead to their accelerations."""
-        coupling, nothing = self.coupling.seen_in(self.robot), np.zeros(len(self.robot.joints), dtype=int)
-        self.G, factors = coupling.tangent(self.q)
-        self.qd, self.drift = nothing, nothing
+        """Velocities of all joints, and what leads to their accelerations."""
+        solves = self.undriven or self.robot.moving_base
+        formed = self.size <= FEW or self.name not in BY_VECTORS or (self.name == "inverse" and solves)
+        self.configuration = self.coupling.seen_in(self.robot).at(self.q, bool(formed))
+        self.qd, self.turning = np.zeros(len(self.robot.joints), dtype=int), None
         if "qd" in self.inputs:
-            self.qd = self.G @ self.inputs["qd"]
-            self.drift = coupling.drift(self.q, self.qd, factors)
+            self.qd = self.configuration.rates(self.inputs["qd"])
+            self.turning = self.configuration.turning(self.qd)
 
     def gathered(self, forces):
         """What forces of all joints amount to on the independent ones (n,)."""
-        return forces @ self.G
+        return self.configuration.gathered(forces)
 
     def everyone(self, qdd):
         """Accelerations of all joints."""
-        return self.G @ qdd + self.drift
+        return self.configuration.rates(qdd, self.turning)
 
     @property
     def projection(self):
-        return projection(self.G, 6 if self.robot.moving_base else 0)
+        return projection(self.configuration.G, 6 if self.robot.moving_base else 0)
 
     def _base(self, arguments, told):
         """Twist, gravity and acceleration of the base, gravity taken off, as far as they are known."""
@@ -218,7 +246,7 @@ class _Model:
         bias = np.concatenate([wrench, forces]) if self.base_is_free else forces
         nothing = np.zeros(self.size, dtype=int)
         found, pivots, diagonal = coupled_accelerations(
-            self._matrix_robot, self.G, self.q, unknown, nothing, pushes, bias
+            self._matrix_robot, self.configuration.G, self.q, unknown, nothing, pushes, bias
         )
         self.guards = {"pivots": np.array(pivots, dtype=object), "diagonal": diagonal}
         qdd = [found[len(found) - self.size + k] if k in unknown else known[k] for k in range(self.size)]
@@ -243,7 +271,7 @@ def prepared(robot, gather=True):
     Frames with the fewest numbers; constant angles about z_j added to the joint's own, but for right angles, whose
     sines and cosines are known; base inertial parameters, where `gather`.
     """
-    robot = minimal_frames(robot)
+    robot = minimal_frames(replace(robot, platforms=()))  # to the recursions these are links as others
     if gather:
         robot = gathered(robot)
     shifts, joints = np.zeros(len(robot.joints)), []

@@ -40,7 +40,7 @@ def start_module_server():
 
 
 class _servers:
-    """Servers in namespaces of their own, so that none hears what is meant for another."""
+    """Nodes in namespaces of their own, so that none hears what is meant for another."""
 
     count = 0
 
@@ -48,12 +48,12 @@ class _servers:
         self.running = []
         return self.start
 
-    def start(self, parameters=None, namespace=None):
+    def start(self, parameters=None, namespace=None, executable="dynamics_server"):
         _servers.count += 1
         namespace = namespace or f"/test_{os.getpid()}_{_servers.count}"
-        node = running_node("dynamics_server", parameters, namespace)
+        node = running_node(executable, parameters, namespace)
         self.running.append((node, node.__enter__()))
-        return f"{namespace}/dynamics_server"
+        return f"{namespace}/{executable}"
 
     def __exit__(self, *_):
         for node, process in self.running:

@@ -5,7 +5,13 @@ from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Transform, Twist, WrenchStamped
 from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics, StaticEquilibrium
+from robot_dynamics_interfaces.srv import (
+    DirectDynamics,
+    DynamicsTerms,
+    InverseDynamics,
+    NaturalFrequencies,
+    StaticEquilibrium,
+)
 
 STEP = 2_000_000  # ns between points
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
@@ -14,6 +20,7 @@ SERVICES = {
     DirectDynamics.Request: (DirectDynamics, "direct_dynamics"),
     DynamicsTerms.Request: (DynamicsTerms, "dynamics_terms"),
     StaticEquilibrium.Request: (StaticEquilibrium, "static_equilibrium"),
+    NaturalFrequencies.Request: (NaturalFrequencies, "natural_frequencies"),
 }
 
 
@@ -110,13 +117,12 @@ def field(trajectory, name):
     return np.array([getattr(point, name) for point in trajectory.points])
 
 
+def twist_values(told):
+    return np.array([*(getattr(part, axis) for part in (told.linear, told.angular) for axis in "xyz")])
+
+
 def base_accelerations(base):
-    return np.array(
-        [
-            [a.linear.x, a.linear.y, a.linear.z, a.angular.x, a.angular.y, a.angular.z]
-            for a in (point.accelerations[0] for point in base.points)
-        ]
-    )
+    return np.array([twist_values(point.accelerations[0]) for point in base.points])
 
 
 def wrench_values(stamped):

@@ -5,17 +5,29 @@ import re
 import shlex
 import subprocess
 import sys
+import time
+from collections import deque
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from nodes.stand import Stand
+from peers.recorded import messages, panda_motion, write_bag
 from rosidl_parser.definition import AbstractSequence, NamespacedType
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.nodes import simulator_parameters
+from robot_dynamics.nodes.control_parameters import PARAMETERS as OF_CONTROL
+from robot_dynamics.nodes.replay_check import PARAMETERS as OF_REPLAY
 from robot_dynamics.nodes.robot_source import PARAMETERS
 from robot_dynamics.nodes.running import Caller, running_node
+
+from .simulated import Simulated
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -71,9 +83,9 @@ def test_both_ways_to_start_a_server_are_the_same():
 
 
 def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(caller):
-    servers = [started_as(command) for command in words("ros2 run")]
-    asked = words("ros2 service call")
-    assert len(servers) == 3 and len(asked) == 6
+    servers = [started_as(command) for command in words("ros2 run") if command[3] == "dynamics_server"]
+    asked = [command for command in words("ros2 service call") if "dynamics_server/" in command[3]]
+    assert len(servers) == 4 and len(asked) == 7
     for parameters, namespace in servers:
         with running_node("dynamics_server", parameters, namespace):
             name = f"{namespace.rstrip('/')}/dynamics_server"
@@ -91,8 +103,7 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                 command = [sys.executable, "-c", python_of("rclpy")]
                 python = subprocess.run(command, capture_output=True, text=True, timeout=60)
                 assert python.stdout.startswith("True  [") and "successful=True" in python.stdout, python
-            for _, _, _, node, parameter, text in words("ros2 param set") if namespace == "/" else []:
-                assert node == name
+            for _, _, _, node, parameter, text in words(f"ros2 param set {name}"):
                 result = caller.set_parameters(node, {parameter: yaml.safe_load(text)})
                 assert result.successful, result.reason
 
@@ -102,9 +113,13 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
     [
         ("Dynamics, Inertia", "panda_joint7"),
         ("Base", "(7, 6)"),
-        ("Dynamics, load_robot\n\n", "'spring_3'"),
+        ('Dynamics, load_robot\n\ndynamics = Dynamics(load_robot("manutec', "'spring_3'"),
+        ("load_robot, Base\n", "after 1 s"),
         ("Dynamics, load_robot\nfrom robot_dynamics.ident", "37 base parameters"),
+        ('Dynamics, load_robot\n\ndynamics = Dynamics(load_robot("hexapod_stack', "6.2606"),
+        ("Dynamics, load_robot\n\ndelta = Dynamics", "[1. 0. 2. 0. 0. 0.]"),
         ("load_robot, Dynamics\n", "(100000, 7) 314 × / 289 +"),
+        ("Dynamics, load_robot\nfrom robot_dynamics.freq", "(5, 144) (90, 90) (5, 5, 3)"),
     ],
 )
 def test_python_of_the_readme_runs(imported, printed, capsys):
@@ -112,9 +127,22 @@ def test_python_of_the_readme_runs(imported, printed, capsys):
     assert printed in capsys.readouterr().out
 
 
+def test_the_arm_whose_links_bend(tmp_path, monkeypatch, capsys):
+    (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
+    (tmp_path / "mast.yaml").write_text(mast)
+    monkeypatch.chdir(tmp_path)
+    block = python_of("numpy as np\nfrom robot_dynamics import Dynamics, load_robot\n\narm = ")
+    exec(compile(block, "README.md", "exec"), {})
+    assert "(44, 44) (42, 42) [" in capsys.readouterr().out
+
+
 def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     (table,) = re.findall(r"```yaml\n(# arm.yaml\n.*?)```", README, re.DOTALL)
     (tmp_path / "arm.yaml").write_text(table)
+    (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
+    found = Dynamics(load_robot(mast)).elastodynamics.frequencies([0.0, 0.0])
+    assert 1 < found[0] < 20 and not load_robot(mast).warnings
+    write_bag(tmp_path / "run", messages(panda_motion(duration=12.0)))
     commands = [command for command in COMMANDS if command.startswith(".venv/bin/robot-dynamics")]
     for command in commands:
         program = Path(sys.executable).with_name("robot-dynamics")
@@ -125,7 +153,8 @@ def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     assert (arm.joints[1].placement[0, 3], longer.joints[1].placement[0, 3]) == (0.4, 0.5)
     assert [joint.role for joint in arm.joints] == ["actuated", "elastic"] and not arm.warnings
     assert Dynamics(panda, compiled=False).joint_names == Dynamics(load_robot("panda"), compiled=False).joint_names
-    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 10
+    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 18
+    assert "passed" in (tmp_path / "report.html").read_text()
     assert "longer.yaml" in README and (tmp_path / "mdh.schema.json").read_text().startswith("{")
 
 
@@ -146,6 +175,11 @@ def test_command_line_says_what_it_takes_and_refuses_the_rest():
     for wrong in (["panda"], ["-p", "robot_file:=panda"], ["--ros-args", "-p", "robot_file"]):
         refused = subprocess.run([*command, *wrong], capture_output=True, text=True, timeout=60)
         assert refused.returncode != 0 and wrong[-1] in refused.stderr and "Traceback" not in refused.stderr
+    for node, wrong in (("computed_torque", "kp:=[-5.0]"), ("mobile_base_simulator", "step:=-0.1")):
+        command = [sys.executable, "-m", f"robot_dynamics.nodes.{node}", "--ros-args", "-p", wrong]
+        refused = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        assert refused.returncode == 1 and f"parameter {wrong.split(':')[0]} is" in refused.stderr
+        assert "Traceback" not in refused.stderr
 
 
 def test_table_of_parameters_is_that_of_the_node():
@@ -156,12 +190,132 @@ def test_table_of_parameters_is_that_of_the_node():
         assert (yaml.safe_load(told.strip(" `")) if told else "") == default, name
 
 
+def test_torques_stream_as_the_readme_says(caller):
+    command = words(".venv/bin/computed_torque")[0]
+    assert "robot:=panda" in words("ros2 launch robot_dynamics computed_torque.launch.py")[0]
+    parameters, _ = started_as(command)
+    file = ROOT / command[command.index("--params-file") + 1]
+    parameters.update(yaml.safe_load(file.read_text())["/**/computed_torque"]["ros__parameters"])
+    published = words("ros2 topic pub --once /computed_torque/reference")[0]
+    assert published[5] == "trajectory_msgs/msg/JointTrajectory"
+    with running_node("computed_torque", {**parameters, "state_timeout": 0.5, "deadline": 1.0}, "/readme"):
+        stand = Stand("/readme/computed_torque", caller)
+        try:
+            stand.connect()
+            stand.reference.publish(fill(JointTrajectory(), yaml.safe_load(published[6])))
+            stand.stream_until(lambda: any(message == "computed_torque" for _, message, _ in stand.diagnostics), "it")
+            ((*_, parameter, value),) = words("ros2 param set /computed_torque")
+            assert stand.set_parameters(**{parameter: value}).successful
+            stand.stream_until(lambda: stand.says(value), value)
+        finally:
+            stand.close()
+
+
+def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
+    table = README.split("| of computed_torque |")[1].split("\n\n")[0]
+    rows = dict(re.findall(r"^\| `([a-z_]+)` \| (.*?)\|", table, re.MULTILINE))
+    assert list(rows) == list(OF_CONTROL)
+    for name, told in rows.items():
+        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == OF_CONTROL[name][0], name
+
+
 def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
     makefile, ci = (ROOT / "Makefile").read_text(), (ROOT / ".ci" / "run").read_text()
     for target in set(re.findall(r"`?make ([a-z]+)", README)):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
     for target in ("demo", "test", "lint", "colcon"):
         assert f"make {target}" in ci, target
+
+
+def test_simulators_of_the_readme_run_and_take_its_messages(caller):
+    started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/commands" not in command[-1]]
+    said = [command for command in words("ros2 topic pub") if "/mobile_base_simulator/" in command[3]]
+    assert len(started) == 2 and len(said) == 2
+    for command in started:
+        parameters, namespace = started_as(command)
+        with running_node("mobile_base_simulator", parameters, namespace):
+            node = Simulated(f"{namespace.rstrip('/')}/mobile_base_simulator", caller)
+            node.wait_until(lambda node=node: node.joint_states, "joint_states")
+            if namespace == "/space":
+                node.wait_until(lambda node=node: node.odom, "odom")
+            for _, _, _, topic, kind, message in said if namespace == "/" else []:
+                package, _, kind = kind.split("/")
+                message_type = getattr(importlib.import_module(f"{package}.msg"), kind)
+                node.publish(topic, fill(message_type(), yaml.safe_load(message)))
+            if namespace == "/":
+                node.wait_until(lambda node=node: any(np.any(s.effort) for s in node.joint_states), "efforts that act")
+                assert not node.says("refused:")
+
+
+def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(caller):
+    (simulator,) = [command for command in words(".venv/bin/mobile_base_simulator") if "~/commands" in command[-1]]
+    controller = words(".venv/bin/computed_torque")[-1]
+    posture = yaml.safe_load(words("ros2 topic pub --once /computed_torque/reference")[0][6])
+    remapped = dict([simulator[-1].split(":=")])
+    parameters = {**started_as(controller)[0], "deadline": 1.0, "state_timeout": 1.0}  # whatever else runs here
+    with (
+        running_node("mobile_base_simulator", started_as(simulator)[0], "/both", remappings=remapped),
+        running_node("computed_torque", parameters, "/both"),
+    ):
+        states, wanted = (
+            deque(maxlen=1),
+            dict(zip(posture["joint_names"], posture["points"][0]["positions"], strict=True)),
+        )
+        node = caller.node
+        heard = node.create_subscription(JointState, "/both/joint_states", lambda state: states.append(state), 10)
+        reference = node.create_publisher(JointTrajectory, "/both/computed_torque/reference", 10)
+
+        def within(patience, condition):
+            deadline = time.monotonic() + patience
+            while not condition():
+                assert time.monotonic() < deadline, states
+                caller.spin(0.1)
+
+        within(60, lambda: reference.get_subscription_count() and states and any(states[0].effort))
+        reference.publish(fill(JointTrajectory(), posture))
+
+        def there():
+            at = dict(zip(states[0].name, states[0].position, strict=True))
+            return all(abs(at[name] - position) < 2e-3 for name, position in wanted.items())
+
+        within(120, there)
+        node.destroy_subscription(heard)
+
+
+def test_launch_files_of_the_readme_exist_and_take_its_arguments():
+    for _, _, package, file, *arguments in words("ros2 launch"):
+        text = (ROOT / "launch" / file).read_text()
+        assert package == "robot_dynamics"
+        for argument in arguments:
+            assert f'"{argument.split(":=")[0]}"' in text
+
+
+def test_table_of_the_simulators_parameters_is_that_of_the_node():
+    table = README.split("| parameter of the simulator |")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| ([a-z_.]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
+    assert [name for name, _, _ in rows] == list(simulator_parameters.PARAMETERS)
+    for name, default, description in rows:
+        assert (yaml.safe_load(default.strip("`")) if default else "") == simulator_parameters.PARAMETERS[name][0], name
+        assert description == simulator_parameters.PARAMETERS[name][1], name
+
+
+def test_replay_check_of_the_readme_reports(caller):
+    (started,) = words(".venv/bin/replay_check")
+    asked = [command for command in words("ros2 service call") if command[3].startswith("/replay_check/")]
+    with running_node("replay_check", *started_as(started)):
+        for _, _, _, service, kind in asked:
+            assert kind == "std_srvs/srv/Trigger"
+            response = caller.call(Trigger, service, Trigger.Request())
+            assert not response.success and "nothing was compared yet" in response.message
+    assert len(asked) == 1
+
+
+def test_table_of_parameters_of_replay_check_is_that_of_the_node():
+    table = README.split("| of replay_check |")[1].split("\n\n")[0]
+    rows = re.findall(r"^\| ([a-z_]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
+    assert [name for name, _, _ in rows] == list(OF_REPLAY)
+    for name, default, description in rows:
+        assert ((yaml.safe_load(default.strip("`")) if default else ""), description) == OF_REPLAY[name], name
 
 
 def test_messages_in_the_table_of_failures_are_said_by_the_code():

@@ -55,5 +55,5 @@ def gough_stewart(friction=True):
             Loop(f"ball{k}", End(link, np.eye(4)), End(platform, OWN_FRAME @ placement(translation=high)), ball=True)
             for k, (link, high) in enumerate(ends)
         ),
-        platform=Platform(platform, tuple(range(first - 1, first + 5))),
+        platforms=(Platform(platform, tuple(range(first - 1, first + 5))),),
     )

@@ -17,8 +17,8 @@ def limits_of(dynamics):
 
 
 def free_coordinates(robot):
-    """(numbers of the joints that are the free coordinates of the platform, their limits (2, f))."""
-    numbers = [robot.platform.joints[COORDINATES.index(name)] for name in robot.platform.free]
+    """(numbers of the joints that are the free coordinates of the platforms, their limits (2, f))."""
+    numbers = [one.joints[COORDINATES.index(name)] for one in robot.platforms for name in one.free]
     limits = [robot.joints[number].limits for number in numbers]
     return numbers, np.array([(limit.lower, limit.upper) for limit in limits]).T
 
@@ -44,7 +44,7 @@ def reachable(dynamics, count, rng):
     the legs are where the platform is somewhere in its own limits."""
     q = rng.uniform(*limits_of(dynamics), (count, len(dynamics.joint_names)))
     robot = dynamics.robot
-    if robot.platform is not None:
+    if robot.platforms:
         _, limits = free_coordinates(robot)
         everyone = closed_at_poses(dynamics, rng.uniform(*limits, (count, limits.shape[1])))
         for place, name in enumerate(dynamics.joint_names):

@@ -10,12 +10,13 @@ import numpy as np
 
 from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.urdf_yaml import read_urdf_document
+from robot_dynamics.model.formats.yaml_beams import YamlFlexibilities
 from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
 from robot_dynamics.model.formats.yaml_joints import joint_told, objection_to_role, spring_told, unknown_link
 from robot_dynamics.model.formats.yaml_legs import leg_copies
 from robot_dynamics.model.formats.yaml_loops import read_loops, told_loops
 from robot_dynamics.model.formats.yaml_numbers import YamlNumbers
-from robot_dynamics.model.formats.yaml_platform import described_joints, platform_told
+from robot_dynamics.model.formats.yaml_platform import described_joints, read_platforms, told_platforms
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.placement import placement
@@ -36,7 +37,7 @@ SCHEMA = Path(__file__).with_name("mdh.schema.json")
 BODY = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia")
 MOVES = (
     *("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits"),
-    "initial_position",
+    *("initial_position", "brake"),
 )
 
 
@@ -76,13 +77,17 @@ class _Builder:
         self.inertias, self.joints = [self._inertia(base, ("base",))], []
         self.placed = {self.links[0]: (0, np.eye(4))}  # link number and placement in its frame, of all frames by name
         self.told_frames, self.nameless, self.followers = set(), set(), []
+        self.flexibilities = YamlFlexibilities()
         self.own_frames = {}  # frames of links in which what is on them is told, where they are not those of rows
-        self._hang_platform()
+        self.waiting = [(told, path) for told, path in told_platforms(self.document) if "coordinates" not in told]
+        self._hang_platforms()
         self.here = self.placed[self.links[0]]  # what a row hangs on that does not tell
         for number, row in enumerate(self.data.get("joints", [])):
             self._row(row, ("joints", number))
+        self._refuse_waiting(*(told["link"] for told, _ in self.waiting))
         loops = self._loops([*self._legs(), *told_loops(self.numbers)])
-        platform = platform_told(self.document, self.joints, self.links, self.inertias)
+        bends = bool(self.flexibilities)
+        platforms = read_platforms(self.document, self.joints, self.links, self.inertias, bends)
         for number, frame in enumerate(self.data.get("frames", [])):
             self._frame(frame, ("frames", number))
         self._check_leaders()
@@ -93,33 +98,53 @@ class _Builder:
         try:
             return Robot(
                 name=self.data["robot"],
-                links=tuple(map(Link, self.links, self.inertias)),
+                links=self._built_links(),
                 joints=tuple(self.joints),
                 frames=tuple(Frame(name, *place) for name, place in self.placed.items() if name not in self.nameless),
                 moving_base=moving_base,
                 gravity=gravity,
                 loops=loops,
-                platform=platform,
+                platforms=platforms,
             )
         except DescriptionError as error:
             self.document.fail((), str(error))
 
-    def _hang_platform(self):
-        """The joints and links of a platform that is described as a body, the first of the robot."""
-        for joint in described_joints(self.numbers):
+    def _hang_platforms(self):
+        """Hangs those of the waiting platforms, described as bodies, of which the base is there by now."""
+        waiting, self.waiting = self.waiting, []
+        for told, path in waiting:
+            if told.get("base", self.links[0]) in self.placed:
+                self._hang_platform(told, path)
+            else:
+                self.waiting.append((told, path))
+        if 0 < len(self.waiting) < len(waiting):
+            self._hang_platforms()
+
+    def _refuse_waiting(self, *links):
+        """Tell of the waiting platforms with these links that what they stand on is not there."""
+        for told, path in self.waiting:
+            if told["link"] in links:
+                known = [name for name in self.placed if name != told["link"]]
+                self.document.fail((*path, "base"), f"{self._unknown_link(told['base'], known)}, links and fixed rows")
+
+    def _hang_platform(self, told, path):
+        """The joints and links of a platform that is described as a body."""
+        base = self.placed[told.get("base", self.links[0])]
+        for joint in described_joints(self.numbers, told, path, len(self.joints) + 1, base):
+            if joint.name in {other.name for other in self.joints}:
+                self.document.fail((*path, "link"), f"joint {joint.name!r} is there already: names must differ")
+            self._refuse_taken(joint.name, (*path, "link"))
             self.joints.append(joint)
             self.links.append(joint.name)
             self.inertias.append(Inertia())
             self.placed[joint.name] = (len(self.joints), np.eye(4))
-        if self.joints:
-            told = self.data["platform"]
-            name, path = told["link"], ("platform",)
-            self.placed.pop(self.links[-1])
-            self._refuse_taken(name, (*path, "link"))
-            self.links[-1] = name
-            self.inertias[-1] = self._inertia(told, path).seen_from(OWN_FRAME)
-            self.placed[name], self.own_frames[name] = (len(self.joints), OWN_FRAME), OWN_FRAME
-            self.told_frames.add(name)
+        name = told["link"]
+        self.placed.pop(self.links[-1])
+        self._refuse_taken(name, (*path, "link"))
+        self.links[-1] = name
+        self.inertias[-1] = self._inertia(told, path).seen_from(OWN_FRAME)
+        self.placed[name], self.own_frames[name] = (len(self.joints), OWN_FRAME), OWN_FRAME
+        self.told_frames.add(name)
 
     def _legs(self):
         """Adds the rows of all legs; the ToldLoops by which they are closed."""
@@ -135,6 +160,12 @@ class _Builder:
         self.numbers = whole
         return loops
 
+    def _built_links(self):
+        """The Links, of those that bend with the inertia of their beams."""
+        bends = [self.flexibilities.of(number) for number in range(len(self.links))]
+        inertias = [part if bend is None else bend.inertia for bend, part in zip(bends, self.inertias, strict=True)]
+        return tuple(map(Link, self.links, inertias, bends))
+
     def _loops(self, told):
         cuts = read_loops(self.document, told, self.joints, self.links, self.placed)
         for joint, link in zip(cuts.joints, cuts.links, strict=True):
@@ -145,12 +176,20 @@ class _Builder:
         return cuts.loops
 
     def _row(self, row, path):
+        self._add_row(row, path)
+        if self.waiting:
+            self._hang_platforms()
+
+    def _add_row(self, row, path):
         name = row["link"]
         self._refuse_taken(name, (*path, "link"))
         link, frame = self._antecedent(row, path)
         frame = frame @ self.numbers.mdh(row, path)
         inertia = self._inertia(row, path)
-        if row.get("type") == "fixed":
+        moves = row.get("type") != "fixed"
+        number, seen = (len(self.joints) + 1, np.eye(4)) if moves else (link, frame)
+        self.flexibilities.add(self.numbers, number, row, path, seen, inertia)
+        if not moves:
             for key in MOVES:
                 if key in row:
                     self.document.fail((*path, key), f"a fixed row moves nothing: leave out {key}, or the type")
@@ -178,6 +217,7 @@ class _Builder:
             return self.here
         name = row["antecedent"]
         if name not in self.placed:
+            self._refuse_waiting(name)
             hint = self._unknown_link(name, self.placed)
             self.document.fail((*path, "antecedent"), f"{hint}. A row comes after the one it hangs on")
         return self.placed[name]

@@ -9,11 +9,12 @@ import yaml
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import angle_text, number_text
+from robot_dynamics.model.formats.yaml_beams_writer import BeamTexts, bodies_elsewhere, own_inertia
 from robot_dynamics.model.inertia import MOMENTS
 from robot_dynamics.model.joint import Limits
 from robot_dynamics.model.mdh import Row, clean_angle, clean_length, rows_of
-from robot_dynamics.model.mdh_table import table
-from robot_dynamics.model.placement import roll_pitch_yaw
+from robot_dynamics.model.mdh_table import free_name, table
+from robot_dynamics.model.placement import inverse, placement, roll_pitch_yaw
 from robot_dynamics.model.robot import EARTH
 
 HEADER = """\
@@ -40,17 +41,25 @@ def write_mdh_yaml(robot):
     if tuple(robot.gravity) != EARTH:
         lines.append(f"gravity: {_vector(robot.gravity)}\n")
     base = [f"link: {_name(robot.base_link)}", *(["moving: true"] if robot.moving_base else [])]
+    links, cut, beams = {link.name: link for link in robot.links}, cut_joints(robot), BeamTexts(robot)
+    lines += beams.definitions()
     lines += _block("base:", [*base, *_body(robot.links[0].inertia)], "  ")
-    inertias, cut = {link.name: link.inertia for link in robot.links}, cut_joints(robot)
     rows = table(robot, len(robot.joints) - len(cut))
     lines.append("\njoints:" if rows else "\njoints: []")
+    taken = {*robot.frames_by_name, *(row.name for row in rows)}
     for row in rows:
-        lines += _item(_row(row, inertias))
+        lines += _item(_row(row, links, beams))
+        for body in bodies_elsewhere(links[row.name]) if row.joint is not None else []:
+            taken.add(name := free_name(f"{row.name}_body", taken))
+            lines += _item(_fastened(name, row.name, body))
     lines += ["\nloops:"] if robot.loops else []
     for number, loop in enumerate(robot.loops):
         lines += _item(_loop(loop, robot, cut.get(number)))
-    if robot.platform is not None:
-        lines += _block("\nplatform:", _platform(robot), "  ")
+    platforms = [_platform(robot, platform) for platform in robot.platforms]
+    if len(platforms) == 1:
+        lines += _block("\nplatform:", platforms[0], "  ")
+    elif platforms:
+        lines += ["\nplatforms:", *(entry for entries in platforms for entry in _item(entries))]
     frames = [told for frame in robot.frames if (told := _frame(frame, robot))]
     if frames:
         lines += ["\nframes:", *(f"  - {_mapping(frame)}" for frame in frames)]
@@ -66,7 +75,7 @@ def _item(entries):
     return [f"  - {first}", *(f"    {entry}" for entry in others)]
 
 
-def _row(row, inertias):
+def _row(row, links, beams):
     """The entries of a TableRow."""
     joint = row.joint
     entries = [] if joint is None else [f"joint: {_name(joint.name)}"]
@@ -77,8 +86,15 @@ def _row(row, inertias):
         entries.append("named: false")
     entries.append(f"mdh: {_mdh(row.row)}")
     if joint is not None:
-        entries += [*_joint(joint), *_body(inertias[row.name])]
+        entries += [*_joint(joint), *_body(own_inertia(links[row.name])), *beams.entries(links[row.name])]
     return entries
+
+
+def _fastened(name, link, body):
+    """The entries of a fixed row for a Body on a link that bends."""
+    at = placement(translation=body.point)
+    entries = [f"link: {_name(name)}", f"antecedent: {_name(link)}", "type: fixed", "named: false"]
+    return [*entries, f"mdh: {_mdh(rows_of(at)[0])}", *_body(body.inertia.seen_from(inverse(at)))]
 
 
 def _mdh(row):
@@ -104,6 +120,7 @@ def _joint(joint):
     limits = {key: getattr(joint.limits, key) for key in Limits.__dataclass_fields__}
     limits = {key: number_text(value) for key, value in limits.items() if math.isfinite(value)}
     entries += [f"limits: {_mapping(limits)}"] if limits else []
+    entries += ["brake: true"] if joint.brake else []
     return [*entries, *([f"initial_position: {number_text(joint.initial_position)}"] if joint.initial_position else [])]
 
 
@@ -122,11 +139,14 @@ def _loop(loop, robot, number):
     return [*entries, *told]
 
 
-def _platform(robot):
-    """The entries of the Platform; its inertia, limits and initial pose stand in the rows of its coordinates."""
-    names = ", ".join(_name(robot.joints[number].name) for number in robot.platform.joints)
-    free = ", ".join(robot.platform.free)
-    return [f"link: {_name(robot.links[robot.platform.link].name)}", f"coordinates: [{names}]", f"free: [{free}]"]
+def _platform(robot, platform):
+    """The entries of a Platform; its inertia, limits and initial pose stand in the rows of its coordinates."""
+    names = ", ".join(_name(robot.joints[number].name) for number in platform.joints)
+    base = [] if platform.base is None else [f"base: {_name(platform.base)}"]
+    free = ", ".join(platform.free)
+    return [
+        f"link: {_name(robot.links[platform.link].name)}", *base, f"coordinates: [{names}]", f"free: [{free}]"
+    ]  # fmt: skip
 
 
 def _end(robot, link, placement):

@@ -33,9 +33,9 @@ def write_par(robot, *, lossy=False):
     """The text of a Robot in the frames that it has; see `minimal_frames` for those with the fewest numbers.
 
     lossy: leave out what a .par cannot say (limits, joints that follow others, rest and damping of springs, springs
-    beside motors, initial positions, loops cut at ball joints, what the platform is) and tell so in comments, instead
-    of raising. The inertia of a base that stands enters no equation and has no place in the format either: it is left
-    out, and a comment tells.
+    beside motors, brakes, initial positions, loops cut at ball joints, links that bend, what the platform is) and tell
+    so in comments, instead of raising. The inertia of a base that stands enters no equation and has no place in the
+    format either: it is left out, and a comment tells.
     A cut joint that has friction, for which a .par has no place, is written as a joint of the tree, its loop as a weld.
 
     Raises DescriptionError where something would be lost, a name cannot stand in a comment, or a number is a symbol.
@@ -85,6 +85,8 @@ def losses(robot):
             what.append("has limits")
         if joint.initial_position != 0:
             what.append("has an initial position")
+        if joint.brake:
+            what.append("has a brake")
         if spring is not None and joint.actuated:
             what.append("has a spring beside its motor")
         elif spring is not None:
@@ -93,14 +95,13 @@ def losses(robot):
         lost += [f"joint {_quoted(joint.name)} {' and '.join(what)}"] if what else []
     roles = {joint.role for joint in robot.joints}
     lost += [f"loop {_quoted(loop.name)} is cut at a ball joint" for loop in robot.loops if loop.ball]
+    lost += [f"link {_quoted(link.name)} bends" for link in robot.links if link.flexibility is not None]
     tree = all(loop.ball for loop in robot.loops)
     if tree and "passive" in roles and roles <= {"passive", "elastic"}:
         lost.append("joints are passive, which is understood only where one joint at least is actuated")
-    if robot.platform is not None:
-        free = ", ".join(robot.platform.free)
-        lost.append(
-            f"link {_quoted(robot.links[robot.platform.link].name)} is the platform, and free to move by {free}"
-        )
+    for platform in robot.platforms:
+        name, free = robot.links[platform.link].name, ", ".join(platform.free)
+        lost.append(f"link {_quoted(name)} is the platform, and free to move by {free}")
     return lost
 
 

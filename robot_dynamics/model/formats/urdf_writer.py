@@ -32,9 +32,9 @@ def write_urdf(robot, *, lossy=False):
     joints stand in the order of `robot.joints`. An infinite limit becomes UNLIMITED where URDF demands a number.
 
     Raises DescriptionError, with a list, where URDF cannot say all of it: rotor inertia, springs, joints without motor,
-    initial positions, loops, what the platform is, another gravity than EARTH, first moments without mass. With `lossy`
-    this is left out, and the list stands in a comment at the top; joints at which loops are cut stay, with their links
-    without mass. Symbols and names that XML cannot hold are always refused.
+    brakes, initial positions, loops, what the platform is, links that bend, another gravity than EARTH, first moments
+    without mass. With `lossy` this is left out, and the list stands in a comment at the top; joints at which loops are
+    cut stay, with their links without mass. Symbols and names that XML cannot hold are always refused.
     """
     _check_names(robot)
     _check_numbers(robot)
@@ -115,6 +115,8 @@ def losses(robot):
             )
         if not joint.actuated:
             lost.append("that no motor drives it")
+        if joint.brake:
+            lost.append("that a brake holds it")
         if joint.initial_position:
             lost.append(f"initial position {_number(joint.initial_position)} {unit[2]}")
         if lost:
@@ -122,9 +124,10 @@ def losses(robot):
     for loop in robot.loops:
         moved, closed_on = (robot.links[end.link].name for end in loop.ends)
         found.append(f"loop {loop.name!r}, which closes link {moved!r} on link {closed_on!r}")
-    if robot.platform is not None:
-        name, free = robot.links[robot.platform.link].name, ", ".join(robot.platform.free)
+    for platform in robot.platforms:
+        name, free = robot.links[platform.link].name, ", ".join(platform.free)
         found.append(f"that link {name!r} is the platform, and free to move by {free}")
+    found += [f"that link {link.name!r} bends" for link in robot.links if link.flexibility is not None]
     for link in robot.links:
         if _centre_of_mass(link.inertia) is None:
             moments, mass = link.inertia.first_moments.tolist(), link.inertia.mass

@@ -13,7 +13,7 @@ def joint_told(numbers, told, path, number, **known):
     """
     limits = {key: numbers.number(told["limits"], key, (*path, "limits")) for key in told.get("limits", {})}
     plain = {key: numbers.number(told, key, path) for key in NUMBERS}
-    joint = Joint(name=told["joint"], limits=Limits(**limits), **plain, **known)
+    joint = Joint(name=told["joint"], limits=Limits(**limits), brake=told.get("brake", False), **plain, **known)
     try:
         check_joint(number, joint)
     except DescriptionError as error:

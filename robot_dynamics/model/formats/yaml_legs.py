@@ -7,12 +7,16 @@
           - {base: {xyz: [1, 0, 0]}, platform: {xyz: [0.5, 0, 0]}}
           - {base: {xyz: [-1, 0, 0]}, platform: {xyz: [-0.5, 0, 0]}}
 
-Each copy becomes rows and loops as others are, with a suffix to the names of its joints, links and loops.
+Each copy becomes rows and loops as others are, with a suffix to the names of its joints, links and loops. Where there
+are many platforms, each copy says which one it meets, platform: {antecedent: upper, ...}, and begins on what that one
+stands on.
 """
 
 from typing import NamedTuple
 
+from robot_dynamics.errors import unknown_name
 from robot_dynamics.model.formats.yaml_loops import ToldLoop
+from robot_dynamics.model.formats.yaml_platform import told_platforms
 
 
 class LegCopy(NamedTuple):
@@ -31,8 +35,8 @@ class LegCopy(NamedTuple):
 def leg_copies(numbers):
     """The LegCopies of the document of YamlNumbers, in their order; it may have none. Raises DescriptionError."""
     document = numbers.document
-    legs = document.data.get("legs", [])
-    if legs and "platform" not in document.data:
+    legs, platforms = document.data.get("legs", []), {told["link"]: told for told, _ in told_platforms(document)}
+    if legs and not platforms:
         document.fail(("legs",), "platform missing: the link that the legs meet, platform: {link: ..., mass: ...}")
     found = []
     for number, leg in enumerate(legs):
@@ -45,11 +49,25 @@ def leg_copies(numbers):
             if suffixes[-1] in suffixes[:-1]:
                 here = (*path, "copies", place, "suffix")
                 document.fail(here, f"suffix {suffixes[-1]!r} is there already: suffixes of copies must differ")
-            found.append(_copy(numbers, leg, path, place, suffixes[-1]))
+            met = _met(document, platforms, told.get("platform", {}), (*path, "copies", place))
+            found.append(_copy(numbers, leg, path, place, suffixes[-1], platforms[met]))
     return found
 
 
-def _copy(numbers, leg, path, place, suffix):
+def _met(document, platforms, told, path):
+    """The link of the platform that a copy meets, where `told` places its end."""
+    if "antecedent" not in told and len(platforms) > 1:
+        names = ", ".join(platforms)
+        document.fail(
+            path, f"there are many platforms ({names}): platform: {{antecedent: ...}} says which the leg meets"
+        )
+    name = told.get("antecedent", next(iter(platforms)))
+    if name not in platforms:
+        document.fail((*path, "platform", "antecedent"), unknown_name("platform", name, platforms))
+    return name
+
+
+def _copy(numbers, leg, path, place, suffix, platform):
     told, at = leg["copies"][place], (*path, "copies", place)
     numbers = numbers.with_values(told.get("parameters", {}), (*at, "parameters"))
     rename = _Renamed(leg, suffix)
@@ -59,13 +77,14 @@ def _copy(numbers, leg, path, place, suffix):
         here = (*path, "loops", number)
         ends = (((rename.placed(loop[key]), (*here, key)),) for key in ("moved", "closed_on"))
         loops.append(ToldLoop(rename.named(loop), here, numbers, *ends))
-    last, platform = rows[-1][0]["link"], numbers.document.data["platform"]["link"]
-    met = {"antecedent": platform, **told.get("platform", {})}, (*at, "platform")
+    last = rows[-1][0]["link"]
+    met = {"antecedent": platform["link"], **told.get("platform", {})}, (*at, "platform")
     for end, here in _ends(leg, path):
         moved = {"antecedent": last, **rename.placed(end.get("moved", {}))}, (*here, "moved")
         closed_on = end.get("closed_on", {}), (*here, "closed_on")
         loops.append(ToldLoop(rename.named(end), here, numbers, (moved,), (met, closed_on)))
-    return LegCopy(numbers, (told.get("base", {}), (*at, "base")), rows, loops)
+    stands = {"antecedent": platform["base"]} if "base" in platform else {}
+    return LegCopy(numbers, ({**stands, **told.get("base", {})}, (*at, "base")), rows, loops)
 
 
 def _ends(leg, path):

@@ -18,7 +18,7 @@ from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.loop import End, Loop, check_loop
 from robot_dynamics.model.mdh_table import free_name
 
-OF_A_JOINT = ("link", "role", "spring", "viscous_friction", "coulomb_friction", "limits", "initial_position")
+OF_A_JOINT = ("link", "role", "spring", "viscous_friction", "coulomb_friction", "limits", "initial_position", "brake")
 
 
 class Cuts(NamedTuple):

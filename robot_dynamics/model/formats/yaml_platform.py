@@ -5,6 +5,10 @@
 or, as descriptions are written that tell every joint, a link at the end of six joints that have rows:
 
     platform: {link: platform, coordinates: [platform_x, ..., platform_roll], free: [x, y, z]}
+
+Where parallel modules stand on each other each has its own, and says on which link or fixed row it stands:
+
+    platforms: [{link: lower, ...}, {link: upper, base: lower, ...}]
 """
 
 from dataclasses import replace
@@ -18,57 +22,67 @@ from robot_dynamics.model.platform import COORDINATES, Platform, coordinate_join
 OF_A_BODY = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia", "initial", "limits")
 
 
-def described_joints(numbers):
-    """The six Joints of a platform that is described as a body, of the document of YamlNumbers; none if there is none.
+def told_platforms(document):
+    """(mapping, path) of each platform of a document, in their order. Raises DescriptionError."""
+    one, many = document.data.get("platform"), document.data.get("platforms", [])
+    if one is None:
+        return [(told, ("platforms", number)) for number, told in enumerate(many)]
+    if many:
+        document.fail(("platform",), "platforms are told in one list: put this one among platforms")
+    return [(one, ("platform",))]
+
+
+def described_joints(numbers, told, path, first, base):
+    """The six Joints of a platform that is described as a body, by the mapping at a path of the document of
+    YamlNumbers. first, base: as `coordinate_joints` takes them.
 
     Raises DescriptionError.
     """
-    told, path = numbers.document.data.get("platform"), ("platform",)
-    if told is None or "coordinates" in told:
-        return []
     initial = numbers.place(told.get("initial", {}), (*path, "initial"))
     start = [*map(float, initial[:3, 3]), *reversed(roll_pitch_yaw(initial[:3, :3]))]
-    joints = coordinate_joints(told["link"], 1, start)
-    for number, (coordinate, joint) in enumerate(zip(COORDINATES, joints, strict=True), start=1):
+    joints = []
+    for joint in coordinate_joints(told["link"], first, start, base):
+        coordinate = COORDINATES[len(joints)]
         limits, here = told.get("limits", {}).get(coordinate, {}), (*path, "limits", coordinate)
         limits = Limits(**{key: numbers.number(limits, key, here) for key in limits})
-        joints[number - 1] = replace(joint, limits=limits)
+        joints.append(replace(joint, limits=limits))
         try:
-            check_joint(number, joints[number - 1])
+            check_joint(first + len(joints) - 1, joints[-1])
         except DescriptionError as error:
             numbers.document.fail(here, str(error))
     return joints
 
 
-def platform_told(document, joints, links, inertias):
-    """The Platform of a document, None if it has none.
+def read_platforms(document, joints, links, inertias, bends=False):
+    """The Platforms of a document.
 
-    joints, links, inertias: the Joints of the tree, the names of all links, the base first, and their Inertias. Raises
-    DescriptionError.
+    joints, links, inertias: the Joints of the tree, the names of all links, the base first, and their Inertias; bends:
+    whether links bend: a platform may then be a point at which they are welded, without mass. Raises DescriptionError.
     """
-    told = document.data.get("platform")
-    if told is None:
-        return None
-    name = told["link"]
-    if name not in links[1:]:
-        document.fail(("platform", "link"), unknown_link(name, links[1:], joints, links))
-    link = links.index(name)
-    if not inertias[link].mass > 0:
-        document.fail(("platform",), f"platform {name!r} has no inertia: mass missing, and what resists where it turns")
-    return Platform(link, _coordinates(document, told, joints), tuple(told.get("free", COORDINATES)))
+    found = []
+    for told, path in told_platforms(document):
+        name = told["link"]
+        if name not in links[1:]:
+            document.fail((*path, "link"), unknown_link(name, links[1:], joints, links))
+        link = links.index(name)
+        if not (bends or inertias[link].mass > 0):
+            document.fail(path, f"platform {name!r} has no inertia: mass missing, and what resists where it turns")
+        base = told.get("base", links[0])
+        coordinates = _coordinates(document, told, path, joints)
+        free = tuple(told.get("free", COORDINATES))
+        found.append(Platform(link, coordinates, free, None if base == links[0] else base))
+    return tuple(found)
 
 
-def _coordinates(document, told, joints):
-    """Numbers of the joints that are the coordinates of the platform."""
+def _coordinates(document, told, path, joints):
+    """Numbers of the joints that are the coordinates of a platform."""
+    numbers = {joint.name: number for number, joint in enumerate(joints)}
     if "coordinates" not in told:
-        return tuple(range(len(COORDINATES)))
+        return tuple(numbers[f"{told['link']}_{coordinate}"] for coordinate in COORDINATES)
     for key in OF_A_BODY:
         if key in told:
-            document.fail(
-                ("platform", key), f"the rows of the joints that are its coordinates tell {key}: leave it out"
-            )
-    numbers = {joint.name: number for number, joint in enumerate(joints)}
+            document.fail((*path, key), f"the rows of the joints that are its coordinates tell {key}: leave it out")
     for place, name in enumerate(told["coordinates"]):
         if name not in numbers:
-            document.fail(("platform", "coordinates", place), unknown_name("joint", name, numbers))
+            document.fail((*path, "coordinates", place), unknown_name("joint", name, numbers))
     return tuple(numbers[name] for name in told["coordinates"])

@@ -1,0 +1,90 @@
+"""Checks of recordings: a million samples of seven joints against the Panda's model, beside Pinocchio called in a loop.
+
+What is measured: filters, accelerations, predictions and statistics of samples in memory; reading of a bag by itself;
+Pinocchio's `rnea` for as many samples, of which a part is run and the rest is reckoned. And the memory that is taken.
+"""
+
+import resource
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.model.library import shipped_robots
+from robot_dynamics.replay.alignment import CHUNK, Stretch
+from robot_dynamics.replay.checking import check
+from robot_dynamics.replay.drives import direct_drives
+from robot_dynamics.replay.golden import GoldenWriter
+from robot_dynamics.replay.motions import Motion
+from robot_dynamics.replay.recordings import Recording, open_recording
+from robot_dynamics.replay.tolerances import load_tolerances
+
+SAMPLES, RATE, LOOPED, WRITTEN = 1_000_000, 1000.0, 20_000, 50_000
+
+
+class InMemory(Recording):
+    """A recording that is a chunk of motion, again and again."""
+
+    name, notes, expected = "a million samples", (), None
+
+    def stretches(self, tally=None, rate=None, watch=None):
+        rng = np.random.default_rng(0)
+        position, velocity, effort = np.cumsum(rng.normal(size=(3, CHUNK, 7)), axis=1) / 1000
+        for number in range(self.source // CHUNK):
+            yield Stretch(number * CHUNK / RATE, RATE, position, velocity, effort, number > 0)
+
+
+def largest_memory():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def seconds(work):
+    """Processor time: other work on the machine does not count."""
+    started = time.process_time()
+    work()
+    return time.process_time() - started
+
+
+def main():
+    dynamics, tolerances = Dynamics(load_robot("panda")), load_tolerances()
+    drives = direct_drives(dynamics.joint_names)
+    check(InMemory(CHUNK, (), drives), dynamics, tolerances)  # what is compiled is compiled
+    model = pin.buildModelFromXML(shipped_robots()["panda"].read_text())
+    data, states = model.createData(), np.random.default_rng(0).normal(size=(3, LOOPED, 7))
+
+    def loop():
+        for q, qd, qdd in zip(*states, strict=True):
+            pin.rnea(model, data, q, qd, qdd)
+
+    ours, theirs, memory = [], [], []
+    for _ in range(3):
+        ours.append(seconds(lambda: check(InMemory(SAMPLES // 4, (), drives), dynamics, tolerances)))
+        memory.append(largest_memory())
+        ours.append(seconds(lambda: check(InMemory(SAMPLES, (), drives), dynamics, tolerances)))
+        memory.append(largest_memory())
+        theirs.append(seconds(loop) * SAMPLES / LOOPED)
+    whole = np.median(ours[1::2])
+    print(
+        f"{SAMPLES} samples checked in {whole:.2f} s of a processor, a quarter of them in {np.median(ours[::2]):.2f} s"
+    )
+    print(f"Pinocchio's rnea alone in a loop: {np.median(theirs):.2f} s, {np.median(theirs) / whole:.2f} times as long")
+    print(f"memory at most {memory[0]:.0f} MB after a quarter, {memory[-1]:.0f} MB in the end")
+    folder = Path(tempfile.mkdtemp())
+    try:
+        zero = np.zeros((WRITTEN, 7))
+        motion = Motion(0.0, RATE, 8.0, zero, zero, zero, zero, zero, np.ones(7, dtype=bool))
+        with GoldenWriter(folder / "bag", dynamics.joint_names) as writer:
+            writer.add(motion, zero, 1_600_000_000_000_000_000)
+        recording = open_recording(folder / "bag", drives)
+        taken = seconds(lambda: sum(map(len, recording.stretches())))
+        print(f"reading of a bag: {1e6 * taken / WRITTEN:.1f} µs a message")
+    finally:
+        shutil.rmtree(folder)
+
+
+if __name__ == "__main__":
+    main()

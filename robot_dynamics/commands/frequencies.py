@@ -1,0 +1,163 @@
+"""Tell the natural frequencies of a robot whose links bend or whose joints are elastic, its motors and brakes holding.
+
+At the pose where it begins, or at --pose of its platform, or at --joints. --mode K draws the K-th mode, moving. --map
+draws the first frequencies over two coordinates of the platform. Pictures are HTML files that need nothing else; maps
+may be PNG too.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from robot_dynamics.commands.progress import bar
+from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.commands.text_table import print_table
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import QuestionError, unknown_name
+from robot_dynamics.frequency_map import frequency_map
+from robot_dynamics.model.platform import COORDINATES
+from robot_dynamics.natural_frequencies import Elastodynamics
+from robot_dynamics.platform import check_coordinate, coordinates, pose_of
+
+NAME = "frequencies"
+MOST_POSES = 1_000_000
+
+
+def add_arguments(parser):
+    add_robot_arguments(parser)
+    parser.add_argument("--pose", metavar="x=..,yaw=..", help="of the platform [m, rad]; default: where it begins")
+    parser.add_argument("--joints", metavar="NAME=..,..", help="positions of joints [rad, m]; the rest is zero")
+    parser.add_argument("--held", metavar="NAME,..", help="joints that do not move; default: with motors or brakes")
+    parser.add_argument("--count", type=int, default=10, help="how many frequencies; default: 10")
+    parser.add_argument("--mode", type=int, metavar="K", help="draw this mode into --output, an .html")
+    parser.add_argument("--map", metavar="x:LOW:HIGH:N,y:..", help="draw a map into --output, an .html or .png")
+    parser.add_argument("--output", metavar="FILE", help="default: mode.html or map.html")
+
+
+def run(told):
+    if told.count < 1:
+        raise QuestionError(f"--count {told.count}: 1 or more is needed")
+    dynamics = Dynamics(robot_of(told))
+    if told.map is not None:
+        draw_map(told, dynamics)
+        return
+    held = None if told.held is None else [name for name in told.held.split(",") if name]
+    elastodynamics = dynamics.elastodynamics if held is None else Elastodynamics(dynamics, held)
+    q = positions(told, dynamics)
+    found = elastodynamics.natural_frequencies(q)
+    if not len(found.frequencies):
+        raise QuestionError(
+            f"{dynamics.robot.name!r} has no natural frequencies: it has neither beams nor elastic joints"
+        )
+    rows = [[k + 1, float(f), mostly(found, k)] for k, f in enumerate(found.frequencies[: told.count])]
+    title = f"Natural frequencies of {dynamics.robot.name!r}, {len(found.frequencies)} in all"
+    print_table(["mode", "Hz", "moves most"], rows, title)
+    if told.mode is not None:
+        draw_mode(told, dynamics.robot.name, elastodynamics, q, found)
+
+
+def mostly(found, k):
+    """Name of the coordinate that a mode moves most [rad or m]."""
+    shape = np.abs(found.mode_shapes[k])
+    return found.coordinates[int(np.argmax(shape))] if shape.any() else ""
+
+
+def positions(told, dynamics):
+    """(all joints,) positions that --pose or --joints tell."""
+    if told.pose is not None and told.joints is not None:
+        raise QuestionError("--pose and --joints say the same twice: give one of the two")
+    if told.joints is None and dynamics.robot.platforms:
+        start = coordinates(dynamics.platform.pose(dynamics.closed_positions))
+        for name, value in assignments("--pose", told.pose, COORDINATES, "coordinate of a platform").items():
+            check_coordinate(name, dynamics.platform.free)
+            start[COORDINATES.index(name)] = value
+        return dynamics.platform.joints(pose_of(start))
+    if told.pose is not None:
+        raise QuestionError(f"{dynamics.robot.name!r} has no platform: ask by --joints")
+    given = assignments("--joints", told.joints, dynamics.joint_names, "joint")
+    return dynamics.expand(np.array([given.get(name, 0.0) for name in dynamics.joint_names]))
+
+
+def assignments(option, text, known, kind):
+    """{name: number} of name=number,..."""
+    found = {}
+    for part in (text or "").split(",") if text else []:
+        name, _, value = part.partition("=")
+        if name not in known:
+            raise QuestionError(f"{option}: {unknown_name(kind, name, known)}")
+        found[name] = number(option, part, value)
+    return found
+
+
+def number(option, part, value):
+    try:
+        found = float(value)
+    except ValueError:
+        found = np.nan
+    if not np.isfinite(found):
+        raise QuestionError(f"{option}: {part!r} has no number: name=1.5 is right, in a map x:-0.1:0.1:41")
+    return found
+
+
+def axes_of(text):
+    """{coordinate: values} of x:LOW:HIGH:N,y:LOW:HIGH:N."""
+    found = {}
+    for part in text.split(","):
+        name, *numbers = part.split(":")
+        if name not in COORDINATES:
+            raise QuestionError(f"--map: {unknown_name('coordinate of a platform', name, COORDINATES)}")
+        if len(numbers) != 3 or not numbers[2].isdecimal() or int(numbers[2]) < 2:
+            raise QuestionError(f"--map: {part!r} is no axis: {name}:LOW:HIGH:N is right, with N of 2 or more")
+        found[name] = np.linspace(*(number("--map", part, value) for value in numbers[:2]), int(numbers[2]))
+    if len(found) != 2:
+        raise QuestionError(f"--map takes two coordinates, x:-0.1:0.1:41,y:-0.1:0.1:41, not {text!r}")
+    if np.prod([len(values) for values in found.values()]) > MOST_POSES:
+        raise QuestionError(f"--map of more than {MOST_POSES} poses: fewer are right")
+    return found
+
+
+def pictures():
+    """The module that draws, which takes its time to be imported, and what the other verbs do not need."""
+    try:
+        from robot_dynamics.commands import frequency_pictures
+    except ModuleNotFoundError as error:
+        raise QuestionError(f"{error.name}, which draws, is not installed: pip install plotly") from None
+    return frequency_pictures
+
+
+def draw_map(told, dynamics):
+    if told.joints is not None or told.held is not None:
+        raise QuestionError("--map goes with --pose, which tells the other coordinates: leave out --joints and --held")
+    path = output(told, "map.html", (".html", ".png"))
+    at = assignments("--pose", told.pose, COORDINATES, "coordinate of a platform")
+    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    with bar(100, "poses", "%") as progress:
+        found = frequency_map(dynamics, axes_of(told.map), at, told.count, threads, lambda share: progress(100 * share))
+    drawn = pictures()
+    if path.suffix == ".png":
+        drawn.map_picture(dynamics.robot.name, found, path)
+    else:
+        path.write_text(drawn.map_page(dynamics.robot.name, found), encoding="utf-8")
+    print(f"{path}: {found.reached.sum()} of {found.reached.size} poses reached")
+    if found.reached.any():
+        ranges = [(k + 1, *(float(of(found.frequencies[..., k])) for of in (np.nanmin, np.nanmax)))
+                  for k in range(found.frequencies.shape[-1])]  # fmt: skip
+        print_table(["mode", "least Hz", "greatest Hz"], ranges, f"Natural frequencies of {dynamics.robot.name!r}")
+
+
+def draw_mode(told, name, elastodynamics, q, found):
+    if not 1 <= told.mode <= len(found.frequencies):
+        raise QuestionError(f"--mode {told.mode}: there are modes 1 to {len(found.frequencies)}")
+    path = output(told, "mode.html", (".html",))
+    rests, moves = elastodynamics.node_positions(q, found.mode_shapes[told.mode - 1])
+    title = f"mode {told.mode}, {found.frequencies[told.mode - 1]:.4g} Hz"
+    path.write_text(pictures().mode_page(name, title, rests, moves, elastodynamics.segments), encoding="utf-8")
+    print(f"{path}: {title}")
+
+
+def output(told, default, suffixes):
+    path = Path(told.output or default)
+    if path.suffix not in suffixes:
+        raise QuestionError(f"--output {path}: a file that ends with {' or '.join(suffixes)} is written")
+    return path

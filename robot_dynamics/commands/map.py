@@ -1,0 +1,143 @@
+"""Map what a platform can do over a grid of its poses: where it can be, how well the motors hold it, what it takes.
+
+One or two coordinates of the platform vary, the others stay. A pose is in reach where all legs close with the motors
+within their limits. The condition number is that between motors and platform, angles counted by the size of the robot:
+the larger, the worse the motors hold it, and where it is too large the pose counts as singular. Efforts hold the
+platform at rest, or give it --acceleration.
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from robot_dynamics.commands.progress import bar
+from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import DescriptionError
+from robot_dynamics.pose_map import UNITS, pose_map
+
+NAME = "map"
+MOST = 2000  # values of one coordinate
+PICTURES = (".png", ".pdf", ".svg", ".jpg")
+
+
+def add_arguments(parser):
+    add_robot_arguments(parser)
+    parser.add_argument("--over", required=True, metavar="NAME:FROM:TO:COUNT[,...]",
+                        help="one or two of x, y, z [m], yaw, pitch, roll [rad]: x:-0.1:0.1:41,z:1:2:41")  # fmt: skip
+    parser.add_argument("--at", default="", metavar="NAME=VALUE[,...]",
+                        help="where other coordinates stay (default: where the robot begins)")  # fmt: skip
+    parser.add_argument("--acceleration", type=float, nargs=6, metavar="A",
+                        help="of the platform, in its own frame: x y z [m/s²], about x y z [rad/s²]")  # fmt: skip
+    parser.add_argument("--output", metavar="FILE", default="map.png",
+                        help=f"the picture: {', '.join(PICTURES)} (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--csv", metavar="FILE", help="a table of all poses beside it")
+
+
+def run(told):
+    axes, at = _axes(told.over), _values(told.at)
+    for path in filter(None, (told.output, told.csv)):
+        _check_folder(path)
+    if Path(told.output).suffix.lower() not in PICTURES:
+        raise DescriptionError(f"--output {told.output}: a picture is one of {', '.join(PICTURES)}")
+    dynamics = Dynamics(robot_of(told))
+    dynamics.platform  # noqa: B018 (refused before anything is computed or drawn where there is none)
+    found = _computed(dynamics, axes, at, told.acceleration)
+    print("\n".join(_summary(found, dynamics.robot)))
+    from robot_dynamics.commands.map_picture import draw  # takes half a second, which other verbs need not wait
+
+    try:
+        draw(told.output, found, dynamics.robot, told.acceleration)
+        if told.csv:
+            _write(told.csv, found, dynamics.robot)
+    except OSError as error:
+        raise DescriptionError(f"{error.filename or told.output} cannot be written: {error.strerror}") from None
+    print(f"picture: {told.output}" + (f", table: {told.csv}" if told.csv else ""))
+
+
+def _computed(dynamics, axes, at, acceleration):
+    """The PoseMap, with a bar on a terminal that tells how far it is."""
+    poses = int(np.prod([len(values) for values in axes.values()]))
+    with bar(poses, dynamics.robot.name, " poses") as progress:
+        return pose_map(dynamics, axes, at, acceleration, lambda share: progress(round(share * poses)))
+
+
+def _summary(found, robot):
+    """What there is to say in some lines."""
+    yield f"{robot.name}: {found.reached.sum()} of {found.reached.size} poses are in reach"
+    beyond, singular = (found.closes & ~found.reached).sum(), (found.reached & ~found.held).sum()
+    if beyond:
+        yield f"  at {beyond} more the legs close, but with motors beyond their limits"
+    if singular:
+        yield f"  at {singular} of them the motors do not hold the platform (singular)"
+    if found.held.any():
+        held = found.condition[found.held]
+        yield f"  condition number {held.min():.4g} to {held.max():.4g}"
+        yield "  largest efforts: " + ", ".join(
+            f"{name} {np.nanmax(np.abs(found.efforts[..., k])):.4g} {unit}"
+            for k, (name, unit) in enumerate(zip(found.joint_names, effort_units(found, robot), strict=True))
+        )
+
+
+def effort_units(found, robot):
+    """The unit of the effort of each motor."""
+    return ["N" if robot.joints[robot.joint_numbers[name]].prismatic else "N m" for name in found.joint_names]
+
+
+def _axes(text):
+    """{coordinate: values} of `x:-0.1:0.1:41,z:0.7:0.9:41`."""
+    axes, parts = {}, text.split(",")
+    for part in parts:
+        try:
+            name, first, last, count = part.split(":")
+            first, last, count = float(first), float(last), int(count)
+        except ValueError:
+            raise DescriptionError(f"--over {part}: NAME:FROM:TO:COUNT is needed, such as x:-0.1:0.1:41") from None
+        if not (2 <= count <= MOST and np.isfinite([first, last]).all() and first < last):
+            raise DescriptionError(
+                f"--over {part}: a grid goes from a number to a larger one in 2 to {MOST} values, as x:-0.1:0.1:41 does"
+            )
+        axes[name.strip()] = np.linspace(first, last, count)
+    if len(parts) > 2 or len(axes) != len(parts):
+        raise DescriptionError(f"--over {text}: one or two coordinates vary in a picture, each once")
+    return axes
+
+
+def _values(text):
+    """{coordinate: value} of `z=0.8,roll=0.1`."""
+    values = {}
+    for part in filter(None, text.split(",")):
+        name, _, value = part.partition("=")
+        try:
+            values[name.strip()] = float(value)
+        except ValueError:
+            raise DescriptionError(f"--at {part}: NAME=VALUE is needed, such as z=0.8") from None
+        if not np.isfinite(values[name.strip()]):
+            raise DescriptionError(f"--at {part}: a finite value is needed")
+    return values
+
+
+def _check_folder(path):
+    """Refuse a file in no folder before hours are spent on what goes into it."""
+    folder = Path(path).parent
+    if not folder.is_dir():
+        raise DescriptionError(f"{path} cannot be written: there is no folder {str(folder)!r}")
+
+
+def _write(path, found, robot):
+    """A row for each pose; what has no meaning there is left empty."""
+    units = effort_units(found, robot)
+    head = [*(f"{name} [{UNITS[name]}]" for name in found.axes), "legs close", "in reach", "condition number"]
+    head += [f"position {name} [{'m' if unit == 'N' else 'rad'}]"
+             for name, unit in zip(found.joint_names, units, strict=True)]  # fmt: skip
+    head += [f"effort {name} [{unit}]" for name, unit in zip(found.joint_names, units, strict=True)]
+    with Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(head)
+        for place in np.ndindex(found.reached.shape):
+            pose = [values[k] for values, k in zip(found.axes.values(), place, strict=True)]
+            told = [*pose, found.condition[place], *found.positions[place], *found.efforts[place]]
+            told = ["" if np.isnan(value) else repr(float(value)) for value in told]
+            state = [int(found.closes[place]), int(found.reached[place])]
+            writer.writerow([*told[: len(pose)], *state, *told[len(pose) :]])

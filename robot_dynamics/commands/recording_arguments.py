@@ -1,0 +1,37 @@
+"""What every verb that reads recordings asks for: the robot, its drives, topics, and how signals are filtered."""
+
+from robot_dynamics.commands.robot_arguments import add_description_arguments, robot_of
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import RecordingError
+
+
+def add_recording_arguments(parser, recordings):
+    """recordings: name and number of the positional arguments: ("recording", None) or ("recordings", "+")."""
+    name, number = recordings
+    parser.add_argument(name, nargs=number, metavar="RECORDING",
+                        help="bag of rosbag2 (folder, .mcap or .db3), or CSV with columns time, <joint>.position, "
+                        "<joint>.effort")  # fmt: skip
+    parser.add_argument("--robot", required=True,
+                        help="path of a URDF, MDH table or .par, or the name of a robot that ships")  # fmt: skip
+    add_description_arguments(parser)
+    parser.add_argument("--drives", metavar="FILE",
+                        help="YAML: motors and their ratios, gains, offsets; see config/drives")  # fmt: skip
+    parser.add_argument("--topic", action="append", default=[], metavar="TOPIC",
+                        help="topic to read, several times for several; default: all of JointState")  # fmt: skip
+    parser.add_argument("--cutoff", type=float, metavar="HZ",
+                        help="of the low-pass filter; default 8, or a fifth of the rate")  # fmt: skip
+    parser.add_argument("--rate", type=float, metavar="HZ", help="of the grid; default: as recorded")
+
+
+def opened(told, paths):
+    """(Dynamics, the Recordings at paths) of parsed arguments. Raises RobotDynamicsError."""
+    try:  # here, so that the other verbs neither need nor load what reads bags
+        from robot_dynamics.replay.drives import load_drives
+        from robot_dynamics.replay.recordings import open_recording
+    except ModuleNotFoundError as error:
+        raise RecordingError(f"{error.name} is not installed: pip install rosbags mcap plotly tqdm") from None
+    if told.rate is not None and not 0 < told.rate < 1e6:
+        raise RecordingError(f"--rate {told.rate:g}: samples per second are needed")
+    dynamics = Dynamics(robot_of(told))
+    drives = load_drives(told.drives, dynamics.joint_names)
+    return dynamics, [open_recording(path, drives, told.topic) for path in paths]

@@ -1,0 +1,39 @@
+"""Efforts without jumps: where what is wanted jumps, the difference to what was sent goes to zero in a stated time."""
+
+import numpy as np
+
+
+class Blend:
+    """What is sent follows what is wanted; after `begin` it comes to it along a straight line.
+
+    size: how many efforts; duration: [s] in which a difference is gone; limits: (size,) what is sent never exceeds.
+    """
+
+    def __init__(self, size, duration, limits):
+        self.duration, self.limits = duration, np.array(limits, dtype=float)
+        self.sent = np.zeros(size)
+        self.saturated = np.zeros(size, dtype=bool)
+        self._difference = np.zeros(size)
+        self._begun = None
+        self._jumps = False
+
+    def begin(self):
+        """From now on something else is wanted, which may be far from what is sent."""
+        self._jumps = True
+
+    def send(self, now, wanted):
+        """The efforts (size,) to send at a time [s] for those that are wanted. What was given is left as it was."""
+        if self._jumps:
+            self._jumps, self._begun = False, now
+            np.subtract(self.sent, wanted, out=self._difference)
+        np.copyto(self.sent, wanted)
+        if self._begun is not None:
+            left = 1.0 - (now - self._begun) / self.duration if self.duration > 0 else 0.0
+            if 0.0 < left <= 1.0:
+                self.sent += left * self._difference
+            else:
+                self._begun = None
+        np.greater(np.abs(self.sent), self.limits, out=self.saturated)
+        np.minimum(self.sent, self.limits, out=self.sent)
+        np.maximum(self.sent, -self.limits, out=self.sent)
+        return self.sent

@@ -1,0 +1,203 @@
+"""Laws of control: efforts from the state of a robot and from a reference, by its inverse model.
+
+In all of them ID is the inverse model without friction, f the friction of the joints, e = q_d - q, and gains are those
+of the error, [1/s²] and [1/s], the same for heavy joints and light ones (Khalil and Dombre, Modeling, Identification
+and Control of Robots, section 14.4):
+
+    gravity_compensation  ID(q, 0, 0)
+    damping               ID(q, 0, -K_d q̇)
+    pd_gravity            ID(q, 0, K_p e + K_d ė)
+    feedforward           ID(q_d, q̇_d, q̈_d) + f(q̇_d)
+    computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_d)
+
+Friction is that of the velocity which is wanted: that of a measured one, which is never quite zero, would shake the
+robot where it stands. Where a motor drives its link through a spring, the reference is that of the link, and q_d that
+of the motor which follows from it (`elastic`).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from robot_dynamics.control.elastic import Deflections, gears_of, with_rigid_gears
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import QuestionError, RobotDynamicsError, unknown_name
+
+GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY = (
+    "gravity_compensation",
+    "feedforward",
+    "computed_torque",
+    "pd_gravity",
+)
+MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
+WITHOUT_REFERENCE = ("gravity", "damp", "zero")
+TURN = 2 * np.pi
+
+
+class Law:
+    """The laws for one robot and those of its joints that get efforts.
+
+    joints: names, in the order of the efforts; those of the robot's other joints that have motors are held by someone
+    else, and are not accelerated. The state, (n,) in the order of dynamics.joint_names, is written into `q` and `qd`;
+    where the robot has loops, seeds of the joints that they place into `looped`, nan where nothing is known. What a
+    moving base does is written into `twist` (6,) and `gravity` (3,), both in the base frame.
+
+    Raises QuestionError for joints that cannot be driven.
+    """
+
+    def __init__(self, dynamics, joints):
+        self.dynamics, self.joints = dynamics, tuple(joints)
+        self.rows = _rows(dynamics, self.joints)
+        n, robot = len(dynamics.joint_names), dynamics.robot
+        self.q, self.qd = np.zeros(n), np.zeros(n)
+        self.looped = np.full(len(dynamics.looped_joint_names), np.nan)
+        self.twist, self.gravity = np.zeros(6), np.array(robot.gravity)
+        self._base = [self.twist, self.gravity] if robot.moving_base else []
+        self.gears = gears_of(dynamics, self.joints)
+        smooth = with_rigid_gears(_without_friction(robot), dynamics, self.gears)
+        self._inverse = Dynamics(smooth).compile("inverse")
+        self._deflections = Deflections(self.gears, self._demand, len(self.joints)) if len(self.gears.springs) else None
+        self.q[self.gears.springs] = self.gears.rest  # where nobody tells of them
+        self._efforts, *self._others = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
+        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in robot.joints)
+        self._friction = dynamics.compile("friction") if rubs else None
+        self._lost = np.zeros(n)
+        self._nothing, self._qd_d, self._qdd = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._places = {name: k for k, name in enumerate(dynamics.all_joint_names)}
+        self._given = [self._places[name] for name in dynamics.joint_names]
+        self._placed = [self._places[name] for name in dynamics.looped_joint_names]
+        self._loops, self._all, self._all_d = bool(robot.loops), *np.zeros((2, len(robot.joints)))
+        self._all[:] = self._all_d[:] = np.nan
+        free = [robot.joints[self._places[name]] for name in self.joints]
+        self._turning = np.array([not j.prismatic and np.isinf([j.limits.lower, j.limits.upper]).all() for j in free])
+        self._turns = bool(self._turning.any())
+        self.error, self.rate_error = np.zeros((2, len(self.joints)))
+
+    def go_on(self, before):
+        """Take over the state from the Law of the same joints that was in use before, as far as both have the same."""
+        for old, new in ((before.q, self.q), (before.qd, self.qd), (before.looped, self.looped),
+                         (before._all, self._all), (before._all_d, self._all_d)):  # fmt: skip
+            if len(old) == len(new):
+                new[:] = old
+        if self.dynamics.robot.moving_base:
+            self.twist[:], self.gravity[:] = before.twist, before.gravity
+
+    def refer(self, followed, time, reference):
+        """Write into reference (3, joints) what the joints should do at a time [s] to follow what is `followed`."""
+        if self._deflections is None:
+            followed.sample(time, reference)
+        else:
+            self._deflections.motor_side(followed, time, reference)
+            self._qd_d[self.gears.springs] = self._deflections.motion[1]
+
+    def gravity_compensation(self, out):
+        """Efforts into out: those that hold the robot where it is."""
+        self._run(self._positions(), self._nothing, None, out)
+
+    def damping(self, kd, out):
+        """Efforts into out: gravity, and braking at the rate kd [1/s]."""
+        self._run(self._positions(), self._nothing, -kd * self.qd[self.rows], out)
+
+    def pd_gravity(self, reference, kp, kd, out):
+        """Efforts into out for a reference (3, joints): gravity, and gains that see the inertia of the robot."""
+        self._compare(reference)
+        self._run(self._positions(), self._nothing, kp * self.error + kd * self.rate_error, out)
+
+    def feedforward(self, reference, out):
+        """Efforts into out for a reference: those of the motion that it wants, whatever the state is."""
+        self._compare(reference)
+        q = self.q.copy()
+        q[self.rows] = reference[0]
+        if self._deflections is not None:
+            q[self.gears.springs] = self._deflections.motion[0]
+        self._wanted(reference)
+        self._run(self._closed(q, self._all_d), self._qd_d, reference[2], out, moving=True)
+        self._add_friction(out)
+
+    def computed_torque(self, reference, kp, kd, out):
+        """Efforts into out for a reference: the error goes to zero as ë + K_d ė + K_p e = 0 if the model is right."""
+        self._compare(reference)
+        self._wanted(reference)
+        wanted = reference[2] + kp * self.error + kd * self.rate_error
+        self._run(self._positions(), self.qd, wanted, out, moving=True)
+        self._add_friction(out)
+
+    def _compare(self, reference):
+        """Errors of the state from a reference; joints without limits are where they are after whole turns too."""
+        np.subtract(reference[0], self.q[self.rows], out=self.error)
+        np.subtract(reference[1], self.qd[self.rows], out=self.rate_error)
+        if self._turns:
+            self.error -= np.where(self._turning, TURN * np.rint(self.error / TURN), 0.0)
+
+    def _wanted(self, reference):
+        self._qd_d[self.rows] = reference[1]
+
+    def _positions(self):
+        """What programs take as q at the state."""
+        if not self._loops:
+            return self.q
+        heard = np.isfinite(self.looped)
+        self._all[self._placed] = np.where(heard, self.looped, self._all[self._placed])
+        return self._closed(self.q, self._all)
+
+    def _closed(self, q, near):
+        """What programs take as q for (n,): where there are loops they are closed from `near`, where that goes on."""
+        if not self._loops:
+            return q
+        near[self._given] = q
+        near[:] = self.dynamics.expand(near)
+        return near
+
+    def _demand(self, reference):
+        """Efforts (n,) of a motion of the links, with rigid gears, the other joints where they are."""
+        q = self.q.copy()
+        q[self.rows], q[self.gears.springs] = reference[0], self.gears.rest
+        rates = np.zeros_like(q)
+        rates[self.rows] = reference[1]
+        self._run(self._closed(q, self._all_d), rates, reference[2])
+        return self._efforts
+
+    def _run(self, q, qd, accelerations, out=None, moving=False):
+        """Efforts into out for accelerations of the joints that get them, None for zero.
+
+        moving: whether springs of gears accelerate as the reference has it.
+        """
+        self._qdd[self.rows] = 0.0 if accelerations is None else accelerations
+        if self._deflections is not None:
+            self._qdd[self.gears.springs] = self._deflections.motion[2] if moving else 0.0
+        self._inverse.evaluate(q, qd, self._qdd, *self._base, self._efforts, *self._others)
+        if out is not None:
+            np.take(self._efforts, self.rows, out=out, mode="clip")
+            self._q = q
+
+    def _add_friction(self, out):
+        if self._friction is not None:
+            self._friction.evaluate(self._q, self._qd_d, self._lost)
+            out += self._lost[self.rows]
+
+
+def _rows(dynamics, joints):
+    """Numbers in dynamics.joint_names of the joints that get efforts."""
+    places = {name: k for k, name in enumerate(dynamics.joint_names)}
+    for name in joints:
+        if name not in dynamics.robot.joint_numbers:
+            raise QuestionError(f"parameter joints: {unknown_name('joint', name, dynamics.joint_names)}")
+        if name not in places:
+            raise QuestionError(f"parameter joints: {name!r} depends on other joints: leave it out")
+        if name in dynamics.undriven_joint_names:
+            raise QuestionError(f"parameter joints: no motor drives {name!r}: leave it out")
+    if len(set(joints)) < len(joints):
+        raise QuestionError("parameter joints: a joint is named more than once")
+    if not joints:
+        raise RobotDynamicsError(f"{dynamics.robot.name!r} has no joint with a motor: there is nothing to control")
+    return np.array([places[name] for name in joints], dtype=int)
+
+
+def driven_joints(dynamics):
+    """Names of the joints that have motors, in the order of the description."""
+    return tuple(name for name in dynamics.joint_names if name not in dynamics.undriven_joint_names)
+
+
+def _without_friction(robot):
+    joints = [replace(joint, viscous_friction=0.0, coulomb_friction=0.0) for joint in robot.joints]
+    return replace(robot, joints=tuple(joints))

@@ -1,0 +1,82 @@
+"""Whether what comes in can be trusted with torque: a state machine of time and reasons, nothing else."""
+
+
+class Watchdog:
+    """Says why there must be no torque, if so.
+
+    timeout: [s] after which a state is stale. deadline: [s] in which a state should be answered; most_misses: how many
+    answers in a row may be later. A fault lasts until good input comes; one that is latched until `release`.
+    """
+
+    def __init__(self, timeout, deadline, most_misses):
+        self.timeout, self.deadline, self.most_misses = timeout, deadline, most_misses
+        self._latched = self._blocked = ""
+        self.restart()
+
+    def restart(self):
+        """Nothing was heard yet."""
+        self._heard = self._now = None
+        self._refused = "no joint_states yet"
+        self._misses = 0
+        self.faulted_since = None
+
+    @property
+    def heard(self):
+        """The time of the last good state [s], None if there was none."""
+        return self._heard
+
+    @property
+    def misses(self):
+        """How many answers in a row were late."""
+        return self._misses
+
+    def latch(self, reason):
+        """A fault that good input does not end."""
+        self._latched = reason
+
+    def release(self):
+        """What was latched is known, and ends."""
+        self._latched = ""
+
+    def block(self, reason):
+        """A fault that neither good input nor `release` ends, only `block` with an empty reason."""
+        self._blocked = reason
+
+    def accept(self, now):
+        """A good state came."""
+        self._heard, self._refused = now, ""
+
+    def refuse(self, reason):
+        """A state came that cannot be used."""
+        self._refused = reason
+
+    def answered(self, latency):
+        """A state was answered so long [s] after it had come."""
+        self._misses = self._misses + 1 if latency > self.deadline else 0
+
+    def fault(self, now):
+        """The reason why there must be no torque at a time [s], empty if there is none."""
+        if self._now is not None and now < self._now - self.timeout:
+            self._latched = (
+                f"the clock jumped back by {self._now - now:.3f} s; a new reference, another mode or a new activation "
+                "starts again"
+            )
+            self._heard = None
+            self._refused = "no joint_states since the clock jumped back"
+            self.faulted_since = None
+        self._now = now
+        reason = self._reason(now)
+        if not reason:
+            self.faulted_since = None
+        elif self.faulted_since is None:
+            self.faulted_since = now
+        return reason
+
+    def _reason(self, now):
+        if self._blocked or self._latched or self._refused:
+            return self._blocked or self._latched or self._refused
+        if now - self._heard > self.timeout:
+            return f"no joint_states for more than {self.timeout * 1e3:g} ms"
+        if self._misses >= self.most_misses:
+            return f"the last {self.most_misses} states were answered later than {self.deadline * 1e3:g} ms"
+        return ""

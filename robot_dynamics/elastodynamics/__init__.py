@@ -1,0 +1,1 @@
+"""Elastodynamics: robots whose links bend; their mass and stiffness, natural frequencies and motion."""

@@ -1,0 +1,235 @@
+"""Samples of recordings for least squares: filtered, decimated rows, and the sums of them that a fit needs.
+
+Efforts and regressor pass the same low-pass filter (parallel filtering), so that what it takes off one it takes off the
+other; then only every so many samples are kept. The noise left is that of the filter's band, so that neighbouring
+samples are not independent: variances count what the band can tell.
+
+Each recording is gathered by itself, here or in another process: what comes back are sums, never samples.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from robot_dynamics.errors import RecordingError
+from robot_dynamics.identification.factors import Factors
+from robot_dynamics.replay.signals import lowpass, margin
+from robot_dynamics.replay.tally import Tally
+
+BAND = 10.0  # [Hz] of the parallel filter, where the cut-off of the motion is higher
+SAMPLES_PER_PERIOD = 4  # of the highest frequency that is left, after decimation
+NOISE_BAND = 0.875 * (np.pi / 8) / np.sin(np.pi / 8)  # ∫ (1 + x⁸)⁻² dx: of the filter forth and back, cut-off 1
+HUBER = 1.345  # standard deviations from which on the robust method counts linearly
+LEAST = 100  # samples of a piece of motion: fewer have no band
+PIECE = 20_000  # samples whose regressor is held at once
+REMEMBERED = 256 * 1024 * 1024  # bytes of rows that are kept rather than read again
+NOTHING_LEFT = "no sample is left to fit, or to validate with"
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Filtered, decimated columns X (N, n, P) and efforts y (N, n) at times (N,); independent: how many independent
+    samples one of them is worth, at most 1."""
+
+    times: np.ndarray
+    X: np.ndarray
+    y: np.ndarray
+    independent: float
+
+
+@dataclass(frozen=True, eq=False)
+class Quality:
+    """How values fit some samples: rms (n,) in the band of the filter, rms_unfiltered (n,), spread (n,): standard
+    deviation of the efforts in the band; samples: before decimation."""
+
+    rms: np.ndarray
+    rms_unfiltered: np.ndarray
+    spread: np.ndarray
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class Gathered:
+    """factors: of `rows` rows, None where there is none; independent: how many independent samples they are worth."""
+
+    factors: Factors | None
+    independent: float = 0.0
+    rows: int = 0
+
+    def __add__(self, other):
+        if self.factors is None or other.factors is None:
+            return self if other.factors is None else other
+        return Gathered(self.factors + other.factors, self.independent + other.independent, self.rows + other.rows)
+
+
+@dataclass(frozen=True, eq=False)
+class QualitySums:
+    """Sums that make a Quality. in_band: (3, n) squares of residuals, squares of efforts, and efforts of `rows` rows;
+    squares: (n,) of unfiltered residuals of `samples` samples."""
+
+    in_band: np.ndarray
+    rows: int
+    squares: np.ndarray
+    samples: int
+
+    def __add__(self, other):
+        return QualitySums(*(getattr(self, name) + getattr(other, name) for name in vars(self)))
+
+    @property
+    def quality(self):
+        """The Quality. Raises RecordingError where there is no sample."""
+        if not self.rows:
+            raise RecordingError(NOTHING_LEFT)
+        residuals, efforts, mean = self.in_band / self.rows
+        spread = np.sqrt(np.maximum(efforts - mean**2, 0))
+        return Quality(np.sqrt(residuals), np.sqrt(self.squares / self.samples), spread, self.samples)
+
+
+class Samples:
+    """Samples of recordings that are fitted together, each gathered by itself.
+
+    after, until: parts of the duration of each recording, of 0 to 1, between which samples count; executor: a
+    concurrent.futures.Executor whose processes gather, None: this one; watch: takes and gives an iterator that is as
+    long as recordings are many, to show progress.
+    """
+
+    def __init__(self, recordings, columns, *, cutoff=None, band=None, after=0.0, until=1.0, executor=None, watch=None):
+        self.columns, self._map, self._watch = columns, map if executor is None else executor.map, watch or iter
+        settings = {"cutoff": cutoff, "band": band, "after": after, "until": until}
+        share = REMEMBERED // max(1, len(recordings))
+        self._excerpts = [Excerpt(recording, columns, remembered=share, **settings) for recording in recordings]
+        self._notes = {excerpt.recording.name: () for excerpt in self._excerpts}
+
+    @property
+    def notes(self):
+        """Sentences on what was left out; complete when all has been gathered."""
+        return [f"{name}: {sentence}" for name, told in self._notes.items() for sentence in told]
+
+    def gathered(self, values=None, deviations=None):
+        """The Gathered of all; with values (P,) and deviations (n,) of the residuals: weighted by residuals (Huber)."""
+        return self._sum(partial(Excerpt.gathered, values=values, deviations=deviations))
+
+    def quality(self, values):
+        """The Quality of values (P,) on these samples. Raises RecordingError where there is none."""
+        return self._sum(partial(Excerpt.quality_sums, values=values)).quality
+
+    def _sum(self, task):
+        """The sum of what a task makes of the excerpts, always in their order, so that rounding is the same."""
+        total, results = None, self._watch(self._map(partial(_with_notes, task), self._excerpts))
+        for excerpt, (found, notes) in zip(self._excerpts, results, strict=True):
+            total = found if total is None else total + found
+            self._notes[excerpt.recording.name] = notes
+        return total
+
+
+def _with_notes(task, excerpt):
+    """What a task makes of an Excerpt, and its notes, of which another process must tell."""
+    return task(excerpt), tuple(excerpt.notes)
+
+
+class Excerpt:
+    """Rows of a part of one recording, as often as they are asked for; kept where they are fewer than `remembered`
+    bytes. In another process they are read anew."""
+
+    def __init__(self, recording, columns, *, cutoff, band, after, until, remembered):
+        self.recording, self.columns = recording, columns
+        self.cutoff, self.band = cutoff, band
+        self.after, self.until, self.remembered = after, until, remembered
+        self.notes = []
+        self._kept, self._duration_known = None, None
+
+    def __getstate__(self):
+        return {**vars(self), "_kept": None, "remembered": 0}
+
+    def __iter__(self):
+        if self._kept is not None:
+            yield from self._kept
+            return
+        kept, size = [], 0
+        for motion, told in self._pieces():
+            rows = self._rows(motion, told)
+            size += rows.X.nbytes
+            if size < self.remembered:
+                kept.append(rows)
+            yield rows
+        if size < self.remembered:
+            self._kept = kept
+
+    def _pieces(self):
+        """(Motion, slice): pieces that the memory holds, with what the filter must see around what is told of them."""
+        pending, skipped = None, 0
+        for motion in self._motions():
+            if pending is not None and abs(motion.time - pending.end) * motion.rate < 0.5:
+                pending = pending.followed_by(motion)
+            else:
+                if pending is not None and len(pending) > LEAST:
+                    yield pending, slice(skipped, len(pending))
+                pending, skipped = motion, 0
+            around = margin(motion.rate, self._band(motion))
+            if len(pending) > PIECE + skipped + around:
+                yield pending, slice(skipped, len(pending) - around)
+                pending, skipped = pending.part(len(pending) - 2 * around, len(pending)), around
+        if pending is not None and len(pending) > LEAST:
+            yield pending, slice(skipped, len(pending))
+
+    def _motions(self):
+        """The Motions of the recording, cut to the time that counts."""
+        tally = Tally()
+        start, end = (part * self._duration() for part in (self.after, self.until))
+        for motion in self.recording.motions(tally, cutoff=self.cutoff):
+            first, last = np.searchsorted(motion.times, [start - 1e-9, end - 1e-9])
+            last = len(motion) if self.until >= 1 else last
+            if last > first:
+                yield motion.part(first, last)
+        self.notes += [told for told in (*self.recording.notes, *tally.sentences) if told not in self.notes]
+
+    def _duration(self):
+        if self.after <= 0 and self.until >= 1:
+            return 0.0  # all of it, however long it is
+        if self._duration_known is None:
+            ends = [stretch.time + len(stretch) / stretch.rate for stretch in self.recording.stretches()]
+            self._duration_known = max(ends, default=0.0)
+        return self._duration_known
+
+    def _band(self, motion):
+        band = min(BAND, motion.cutoff) if self.band is None else self.band
+        if not 0 < band < motion.rate / 2:
+            raise RecordingError(f"band of {band:g} Hz: between 0 and {motion.rate / 2:.4g} is needed")
+        return band
+
+    def _rows(self, motion, told):
+        band = self._band(motion)
+        stride = max(1, int(motion.rate / (SAMPLES_PER_PERIOD * band)))
+        told = slice(told.start, told.stop, stride)
+        X = self.columns.rows(motion)
+        flat = lowpass(X.reshape(len(X), -1), motion.rate, band)[told]
+        y = lowpass(motion.unfiltered, motion.rate, band)[told]
+        independent = min(1.0, 2 * NOISE_BAND * band * stride / motion.rate)
+        return Rows(motion.times[told], flat.reshape(len(y), *X.shape[1:]), y, independent)
+
+    def gathered(self, values=None, deviations=None):
+        """As Samples.gathered, of this recording."""
+        total = Gathered(None)
+        for rows in self:
+            weights = None
+            if values is not None:
+                far = np.abs(rows.y - rows.X @ values) / (HUBER * deviations)
+                weights = 1 / np.maximum(1, far)
+            count = len(rows.y)
+            total = total + Gathered(Factors.of(rows.X, rows.y, weights), rows.independent * count, count)
+        return total
+
+    def quality_sums(self, values):
+        """The QualitySums of values (P,) on this recording."""
+        n = len(self.columns.dynamics.joint_names)
+        total = QualitySums(np.zeros((3, n)), 0, np.zeros(n), 0)
+        for rows in self:
+            r = rows.X @ values - rows.y
+            sums = np.stack([(r * r).sum(0), (rows.y**2).sum(0), rows.y.sum(0)])
+            total = total + QualitySums(sums, len(rows.y), np.zeros(n), 0)
+        for piece, told in self._pieces():
+            motion = piece.part(told.start, told.stop)
+            r = self.columns.rows(motion) @ values - motion.unfiltered
+            total = total + QualitySums(np.zeros((3, n)), 0, (r * r).sum(0), len(motion))
+        return total

@@ -1,0 +1,55 @@
+"""The motion of a moving base out of nav_msgs/Odometry, as the models of a robot take it."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics.errors import QuestionError
+from robot_dynamics.nodes.messages import UNIT_QUATERNION
+from robot_dynamics.nodes.names import resolve
+
+
+class BaseReader:
+    """Writes twist (6,) of the base and gravity (3,), both in its frame, into arrays; knows how old they are.
+
+    robot: whose base moves; where it does not, nothing is needed and nothing is stale.
+    """
+
+    def __init__(self, robot, namespace, twist, gravity):
+        self._robot, self._namespace = robot, namespace
+        self._twist, self._gravity = twist, gravity
+        self._heard, self._refusal = None, "no odom yet, and the base of the robot moves"
+
+    def read(self, message, now):
+        """Take over a message that came at a time [s]."""
+        try:
+            self._take(message)
+            self._heard, self._refusal = now, ""
+        except QuestionError as error:
+            self._refusal = f"odom refused: {error}"
+
+    def go_on(self, before):
+        """What another reader knew of the base holds for this one."""
+        self._heard, self._refusal = before._heard, before._refusal
+
+    def require(self, now, timeout):
+        """Raise QuestionError where the motion of the base is not known at a time [s], but for timeout [s]."""
+        if not self._robot.moving_base:
+            return
+        if self._refusal:
+            raise QuestionError(self._refusal)
+        if not abs(now - self._heard) <= timeout:
+            raise QuestionError(f"no odom for more than {timeout * 1e3:g} ms")
+
+    def _take(self, message):
+        if message.child_frame_id:
+            resolve("base link", message.child_frame_id, [self._robot.base_link], self._namespace)
+        turned, twist = message.pose.pose.orientation, message.twist.twist
+        quaternion = np.array([turned.x, turned.y, turned.z, turned.w])
+        linear, angular = twist.linear, twist.angular
+        rates = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
+        if not abs(np.linalg.norm(quaternion) - 1) < UNIT_QUATERNION:
+            raise QuestionError(f"its orientation has norm {np.linalg.norm(quaternion):.6g}: 1 is needed")
+        if not np.isfinite(rates).all():
+            raise QuestionError("its twist is not finite")
+        self._twist[:] = rates
+        self._gravity[:] = Rotation.from_quat(quaternion).apply(self._robot.gravity, inverse=True)

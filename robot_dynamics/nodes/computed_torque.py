@@ -1,0 +1,372 @@
+"""The node computed_torque: joint_states and a reference in, efforts out, at the rate of joint_states."""
+
+import gc
+import sys
+import traceback
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
+from robot_dynamics.errors import QuestionError, RobotDynamicsError
+from robot_dynamics.nodes.base_odometry import BaseReader
+from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
+from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
+from robot_dynamics.nodes.joint_states import JointStateReader
+from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.references import read_point, read_reference
+from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
+from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.running import run
+
+RCLError = rclpy_implementation.RCLError
+LATEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+TICK = 0.005  # [s] between looks at the age of the state, at most
+ANOTHER_CLOCK = 10.0  # [s] of age that no delay explains
+SWITCH = 2e-4  # [s] after which a thread that loads a robot lets the one that streams go on
+
+
+class ComputedTorque(LifecycleNode):
+    """Streams efforts that make a robot follow a reference: ~/commands (Float64MultiArray, in the order of parameter
+    `joints`) and ~/effort (JointState), one for each message on joint_states.
+
+    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
+    from the topic robot_description: computed_torque --ros-args -p robot_file:=panda
+
+    The reference is a trajectory on ~/reference, or single points on ~/reference_point (both JointTrajectory).
+    Parameter mode says what is made of it: gravity_compensation, feedforward, computed_torque or pd_gravity. ~/state
+    has reference, feedback, error and output. Where the state is stale or wrong, efforts go to zero in ramp_time and
+    zeros are sent on; /diagnostics says why.
+    """
+
+    def __init__(self, **arguments):
+        super().__init__("computed_torque", **arguments)
+        self._controller = self._reader = self._pending = None
+        self._active, self._built, self._start_wanted = False, False, False
+        self._last_time, self._out_of_order, self._refused, self._refusal = -np.inf, 0, 0, ""
+        self._lately, self._ages, self._saturated = Durations(), Durations(), 0
+        self._late = 0
+        for name, (default, description) in PARAMETERS.items():
+            descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
+            self.declare_parameter(name, default, descriptor)
+        self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
+        self._robot = RobotSource(self, adopted=self._adopt, worker=self._worker)
+        self.add_on_set_parameters_callback(self._before_change)
+        self.add_post_set_parameters_callback(self._after_change)
+        self._epoch = self.get_clock().now().nanoseconds
+        self._publish_and_subscribe()
+        self._built = True
+        if self._values["autostart"]:
+            self._start()
+
+    def _publish_and_subscribe(self):
+        self._outputs = ControlOutputs(self)
+        self._diagnostics = Diagnostics(self, "control", self._report)
+        self._subscriptions_held = [
+            self.create_subscription(JointState, "joint_states", self._on_joint_states, LATEST, **OVERRIDABLE),
+            self.create_subscription(Odometry, "odom", self._on_odom, LATEST, **OVERRIDABLE),
+            self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
+            self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, LATEST),
+        ]
+        self._timer = self.create_timer(self._tick_period(), self._on_tick)
+
+    def _tick_period(self):
+        return min(TICK, self._values["state_timeout"] / 4)
+
+    def _now(self):
+        """Time [s] since the node was made, by its clock: small numbers, that a float tells to the nanosecond."""
+        return (self.get_clock().now().nanoseconds - self._epoch) * 1e-9
+
+    # Transitions
+
+    def _start(self):
+        """Configure and activate, if there is a robot; else when there is one."""
+        if not self._robot.name:
+            self._start_wanted = True
+            return
+        self._start_wanted = False
+        if self._controller is None and self.trigger_configure() == TransitionCallbackReturn.SUCCESS:
+            self.trigger_activate()
+
+    def _LifecycleNodeMixin__on_change_state(self, request, response):
+        """As rclpy has it, but that a transition which is not possible now is refused, and does not end the node."""
+        try:
+            return super()._LifecycleNodeMixin__on_change_state(request, response)
+        except RCLError as error:
+            self.get_logger().error(f"transition refused: {error}")
+            response.success = False
+            return response
+
+    def on_configure(self, state):
+        try:
+            dynamics = self._robot.dynamics
+            law = Law(dynamics, self._values["joints"] or driven_joints(dynamics))
+            settings = settings_of(self._values, dynamics, law.joints)
+        except RobotDynamicsError as error:
+            self._refusal = f"not configured: {error}"
+            self.get_logger().error(self._refusal)
+            return TransitionCallbackReturn.FAILURE
+        self._controller, self._pending, self._refusal = Controller(law, settings), None, ""
+        self._listen(law)
+        self._outputs.configure(law.joints)
+        self.get_logger().info(f"controls {', '.join(law.joints)}, limits {settings.limits.tolist()}")
+        return super().on_configure(state)
+
+    def _listen(self, law):
+        namespace = self.get_namespace()
+        self._reader = JointStateReader(law.dynamics, law.joints, namespace, law.q, law.qd, law.looped)
+        self._base = BaseReader(law.dynamics.robot, namespace, law.twist, law.gravity)
+
+    def on_activate(self, state):
+        gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
+        self._controller.restart()
+        self._last_time, self._active = -np.inf, True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state):
+        self._stop()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state):
+        self._controller = self._reader = None
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state):
+        self._stop()
+        return super().on_shutdown(state)
+
+    def _stop(self):
+        """The last efforts that are sent are zero."""
+        if self._active:
+            self._active = False
+            self._controller.restart()
+            self._outputs.send(self._controller.sent)
+
+    def destroy_node(self):
+        self._stop()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+        return super().destroy_node()
+
+    # Robot and parameters
+
+    def _adopt(self, dynamics):
+        """Another robot, or the same with another payload: its law is made while the old one goes on."""
+        if not self._built:
+            return
+        if self._controller is None:
+            self._start_wanted = self._values["autostart"]  # in the thread of the executor, at the next tick
+        else:
+            self._worker.submit(self._prepare, dynamics, self._controller.law.joints)
+
+    def _prepare(self, dynamics, joints):
+        try:
+            law = Law(dynamics, joints)
+            self._pending = law, settings_of(self._values, dynamics, joints), ""
+        except RobotDynamicsError as error:
+            self._pending = None, None, f"the description of {dynamics.robot.name!r} does not fit: {error}"
+        except Exception as error:  # a fault of ours must not end the thread in silence
+            self._pending = None, None, f"internal error, please report it: {error!r}"
+
+    def _exchange(self):
+        (law, settings, reason), self._pending = self._pending, None
+        self._controller.watchdog.block(reason)
+        if reason:
+            self.get_logger().error(reason)
+            return
+        self._controller.exchange(law)
+        self._controller.apply(settings)
+        known = self._base
+        self._listen(law)
+        self._base.go_on(known)
+        self.get_logger().info(f"goes on with {law.dynamics.robot!r}")
+
+    def _before_change(self, parameters):
+        try:
+            for parameter in parameters:
+                name = parameter.name
+                if self._controller is not None and name in FIXED:
+                    raise QuestionError(f"parameter {name} is read when the node is configured: clean it up before")
+                if self._active and name in OF_ROBOT and not name.startswith("payload."):
+                    raise QuestionError(f"parameter {name} cannot change while efforts are sent: deactivate the node")
+            changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
+            if self._controller is not None:
+                law = self._controller.law
+                settings_of({**self._values, **changes}, law.dynamics, law.joints)
+        except RobotDynamicsError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _after_change(self, parameters):
+        changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
+        if not changes:
+            return
+        self._values.update(changes)
+        if self._controller is not None:
+            law = self._controller.law
+            self._controller.apply(settings_of(self._values, law.dynamics, law.joints))
+        self._timer.timer_period_ns = int(self._tick_period() * 1e9)
+
+    # What streams
+
+    def _on_joint_states(self, message):
+        if not self._active:
+            return
+        began = perf_counter()
+        if self._pending is not None:
+            self._exchange()
+        controller, now = self._controller, self._now()
+        stamp = message.header.stamp
+        time = now if stamp.sec == stamp.nanosec == 0 else (nanoseconds(stamp) - self._epoch) * 1e-9
+        timeout = controller.settings.state_timeout
+        if 0.0 < self._last_time - time < timeout:
+            self._out_of_order += 1
+            return
+        self._last_time = time
+        try:
+            if not self._reader.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
+                return
+            if abs(now - time) > timeout:
+                raise QuestionError(_of_another_time(now - time))
+            self._base.require(now, timeout)
+            efforts = controller.step(now, time)
+        except QuestionError as error:
+            efforts = controller.refuse(now, str(error))
+        except Exception as error:  # a fault of ours must not take the node down while a robot hangs on it
+            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=1.0)
+            efforts = controller.refuse(now, f"internal error, please report it: {error!r}")
+        self._outputs.send(efforts)
+        self._answered(time, perf_counter() - began)
+
+    def _on_odom(self, message):
+        if self._active:
+            self._base.read(message, self._now())
+
+    def _answered(self, time, took):
+        age = max(self._now() - time, took)
+        self._lately.add(took)
+        self._ages.add(age)
+        controller = self._controller
+        controller.watchdog.answered(age)
+        self._late += age > controller.settings.deadline
+        self._saturated += bool(controller.saturated.any())
+        self._tell(time)
+
+    def _on_tick(self):
+        if self._start_wanted:
+            self._start()
+        if not self._active:
+            return
+        if self._pending is not None:
+            self._exchange()
+        now = self._now()
+        efforts = self._controller.tick(now)
+        if efforts is not None:
+            self._outputs.send(efforts)
+            self._tell(now)
+
+    def _tell(self, time):
+        """Publish ~/state where it is time to, and /diagnostics where something else is to be told."""
+        controller = self._controller
+        self._outputs.tell(controller, time, self._values["state_rate"])
+        self._diagnostics.changed(controller.fault, controller.doing, controller.without_reference, self._refusal)
+
+    def _on_reference(self, message):
+        def follow(controller, now):
+            times, points = read_reference(message, controller.law.joints, self.get_namespace())
+            controller.follow(now, self._start_of(message, now), times, points)
+
+        self._take(follow, "reference")
+
+    def _on_reference_point(self, message):
+        def track(controller, now):
+            told = read_point(message, controller.law.joints, self.get_namespace())
+            controller.track(now, self._start_of(message, now), told)
+
+        self._take(track, "reference_point")
+
+    def _start_of(self, message, now):
+        stamp = nanoseconds(message.header.stamp)
+        return now if stamp == 0 else (stamp - self._epoch) * 1e-9
+
+    def _take(self, take, topic):
+        try:
+            if not self._active:
+                raise QuestionError("the node is not active")
+            take(self._controller, self._now())
+            self._refusal = ""
+        except Exception as error:
+            reason = str(error)
+            if not isinstance(error, RobotDynamicsError):  # a fault of ours must not take the node down
+                self.get_logger().error(traceback.format_exc())
+                reason = f"internal error, please report it: {error!r}"
+            self._refused, self._refusal = self._refused + 1, f"{topic} refused: {reason}"
+            self.get_logger().warning(self._refusal, throttle_duration_sec=1.0)
+
+    # What it says of itself
+
+    def _report(self, elapsed):
+        values = {**self._lately.tell("efforts", elapsed), **self._ages.tell("age of state")}
+        values.update(
+            {
+                "deadline misses": self._late,
+                "saturated": self._saturated,
+                "states out of order": self._out_of_order,
+                "references refused": self._refused,
+                "last refusal": self._refusal,
+            }
+        )
+        self._late = self._saturated = 0
+        return *self._health(values), self._robot.name, values
+
+    def _health(self, values):
+        """(level, message)."""
+        level, message = self._robot.health()
+        controller = self._controller
+        if level == ERROR or controller is None or not self._active:
+            return max(level, WARN), message if level == ERROR else self._refusal or "not active: no efforts are sent"
+        if controller.fault:
+            return ERROR, f"efforts go to zero: {controller.fault}"
+        if not controller.doing:
+            return WARN, "use_sim_time is set, and nothing came on /clock yet"
+        unheard, joints = self._reader.unheard, np.array(controller.law.joints)
+        objections = [
+            f"last change refused: {self._robot.refusal}" if self._robot.refusal else "",
+            f"at its limit: {', '.join(joints[controller.saturated])}" if controller.saturated.any() else "",
+            "" if controller.settings.mode == GRAVITY else controller.without_reference,
+            self._refusal,
+            f"nobody tells of {', '.join(unheard)}, taken to be at zero" if unheard else "",
+            f"{values['deadline misses']} answers were late" if values["deadline misses"] else "",
+        ]
+        objections = [text for text in objections if text]
+        return (WARN if objections else OK), "; ".join([controller.doing, *objections])
+
+
+def _of_another_time(age):
+    if age > 0:
+        other = "; do both use the same time (use_sim_time)?" if age > ANOTHER_CLOCK else ""
+        return f"joint_states are {age:.3f} s old by their stamp{other}"
+    return (
+        f"joint_states have a stamp {-age:.3f} s ahead of the clock of this node: do both use the same time "
+        "(use_sim_time), and is it kept alike on both machines?"
+    )
+
+
+def main(arguments=None):
+    sys.setswitchinterval(SWITCH)
+    run(ComputedTorque, arguments, executor=EventsExecutor)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,65 @@
+"""What computed_torque sends: efforts in messages that are written anew each time, and the state of its control."""
+
+from array import array
+
+import numpy as np
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+SHALLOW = QoSProfile(depth=1)
+OVERRIDABLE = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
+
+
+class ControlOutputs:
+    """~/commands, ~/effort and ~/state of a node."""
+
+    def __init__(self, node):
+        self._clock = node.get_clock()
+        self._commands = node.create_publisher(Float64MultiArray, "~/commands", SHALLOW, **OVERRIDABLE)
+        self._effort = node.create_publisher(JointState, "~/effort", SHALLOW, **OVERRIDABLE)
+        self._state = node.create_publisher(JointTrajectory, "~/state", SHALLOW, **OVERRIDABLE)
+        self._told = -np.inf
+
+    def configure(self, joints):
+        """Make the messages for the joints of these names."""
+        self._message = Float64MultiArray(data=array("d", bytes(8 * len(joints))))
+        self._view = np.frombuffer(self._message.data)  # the array that the message holds, which is a copy
+        self._named = JointState(name=list(joints))
+
+    def send(self, efforts):
+        """Publish efforts (joints,); by name as well where someone listens."""
+        self._view[:] = efforts
+        self._commands.publish(self._message)
+        if self._effort.get_subscription_count():
+            self._named.header.stamp = self._clock.now().to_msg()
+            self._named.effort = self._message.data
+            self._effort.publish(self._named)
+
+    def tell(self, controller, time, rate):
+        """Publish reference, feedback, error and output of a Controller, at most `rate` times a second [1/s]."""
+        if rate <= 0 or 0 <= time - self._told < 1 / rate:
+            return
+        self._told = time
+        if self._state.get_subscription_count():
+            self._state.publish(self._state_of(controller))
+
+    def _state_of(self, controller):
+        law, points = controller.law, [JointTrajectoryPoint() for _ in range(4)]
+        feedback = law.q[law.rows], law.qd[law.rows]
+        if not controller.without_reference:
+            wanted = controller.reference
+            _fill(points[0], *wanted)
+            _fill(points[2], wanted[0] - feedback[0], wanted[1] - feedback[1])
+        _fill(points[1], *feedback)
+        points[3].effort = array("d", self._view.tobytes())
+        message = JointTrajectory(joint_names=list(law.joints), points=points)
+        message.header.stamp = self._clock.now().to_msg()
+        return message
+
+
+def _fill(point, *fields):
+    for name, values in zip(("positions", "velocities", "accelerations"), fields, strict=False):
+        setattr(point, name, array("d", values.tobytes()))

@@ -1,0 +1,145 @@
+"""The parameters of mobile_base_simulator: what they are, and the Simulation that they amount to."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics.dynamics import Base
+from robot_dynamics.errors import QuestionError
+from robot_dynamics.nodes.robot_source import typed_as
+from robot_dynamics.simulation import Ground, Simulation, Wheel
+
+# name: (default, what it is)
+PARAMETERS = {
+    "step": (0.001, "of the integration [s]"),
+    "real_time_factor": (1.0, "simulated seconds in a second; 0: as many as the machine manages"),
+    "publish_clock": (True, "publish /clock, and stamp messages with simulated time; else with the time of the node"),
+    "start_paused": (False, "wait for ~/pause or ~/step"),
+    "wait_for_commands": (
+        "never",
+        "never; first: time stands still until the first efforts come; each: each efforts let it go on by a step, so "
+        "that where the machine is too slow no state goes unanswered",
+    ),
+    "moved_by": ("efforts", "efforts, or reference: joints move as ~/reference tells, and the base by reaction"),
+    "base_motion": ("", "fixed, free or planar; empty: as the description says, planar where there are wheels"),
+    "wheels.joints": ("", "names of the joints that wheels turn about"),
+    "wheels.radii": ("", "of the wheels [m]"),
+    "wheels.roller_angles": ("", "of rollers on the rims [rad], for omnidirectional and mecanum wheels; empty: none"),
+    "drive_time": (0.05, "in which cmd_vel comes 63 % nearer [s]"),
+    "ground.points": ("", "names of links whose origins touch the ground; empty: there is no ground"),
+    "ground.height": (0.0, "z of the ground in the world [m]"),
+    "ground.stiffness": (2e4, "of the ground below each point [N/m]"),
+    "ground.damping": (2e2, "of the ground below each point [N s/m]"),
+    "ground.friction": (0.8, "of the ground"),
+    "ground.slip_velocity": (0.01, "at which friction has 0.7 of its full value [m/s]"),
+    "joints": ("", "names of the joints in the order of ~/commands; empty: all that have motors"),
+    "initial.joints": ("", "names of the joints that initial.positions and initial.velocities are of"),
+    "initial.positions": ("", "of these joints [rad or m]; of the others as the description begins"),
+    "initial.velocities": ("", "of these joints [rad/s or m/s]; empty: at rest"),
+    "initial.pose": ([0.0] * 6 + [1.0], "of the base in the world: x, y, z [m], quaternion x, y, z, w"),
+    "initial.twist": ([0.0] * 6, "of the base, in its own frame: linear [m/s], angular [rad/s]"),
+    "command_timeout": (0.1, "simulated time after which commands and wrenches that stopped are zero [s]"),
+    "stamped_cmd_vel": (False, "cmd_vel is TwistStamped, and not Twist"),
+    "odom_rate": (50.0, "of odom, /tf and ~/base_acceleration [1/s of simulated time]"),
+    "odom_frame": ("odom", "frame of the world in odom and /tf"),
+    "base_frame": ("", "frame of the base in odom and /tf; empty: the name of its link"),
+    "noise.position": (0.0, "standard deviation of positions in joint_states [rad or m]"),
+    "noise.velocity": (0.0, "standard deviation of velocities in joint_states [rad/s or m/s]"),
+    "seed": (0, "of the noise, which begins anew at each reset"),
+}
+NAMES = ("wheels.joints", "ground.points", "joints", "initial.joints")
+NUMBERS = ("wheels.radii", "wheels.roller_angles", "initial.positions", "initial.velocities")
+POSITIVE = ("step", "drive_time", "command_timeout")
+NOT_NEGATIVE = ("real_time_factor", "odom_rate", "noise.position", "noise.velocity")
+# what can change without another Simulation
+LIVELY = (
+    *NOT_NEGATIVE,
+    *("publish_clock", "start_paused", "wait_for_commands", "command_timeout", "odom_frame", "base_frame"),
+)
+FIXED = ("stamped_cmd_vel",)  # what is read when the node begins
+CHOICES = {"moved_by": ("efforts", "reference"), "wait_for_commands": ("never", "first", "each")}
+
+
+def checked(name, value):
+    """The value of a parameter in its type. Raises QuestionError."""
+    default, description = PARAMETERS[name]
+    if name in NAMES + NUMBERS:
+        values = [] if isinstance(value, str) and not value else np.ravel(value).tolist()
+        if name in NUMBERS:
+            return typed_as([0.0] * len(values), name, values, description)
+        if not all(isinstance(item, str) for item in values):
+            raise QuestionError(f"parameter {name} is {value!r}: a list of names is needed")
+        return values
+    if name == "seed":
+        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+            raise QuestionError(f"parameter seed is {value!r}: a whole number from 0 on is needed")
+        return value
+    value = typed_as(default, name, value, description)
+    if (name in POSITIVE and not 0 < value < np.inf) or (name in NOT_NEGATIVE and not 0 <= value < np.inf):
+        least = "more than 0" if name in POSITIVE else "0 or more"
+        raise QuestionError(f"parameter {name} is {value:g}: {least} is needed, {description}")
+    if name in CHOICES and value not in CHOICES[name]:
+        raise QuestionError(f"parameter {name} is {value!r}: {' or '.join(CHOICES[name])} is right")
+    return value
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A Simulation at its beginning, and joints (k,): places in its joint_names of those that ~/commands has."""
+
+    simulation: Simulation
+    joints: np.ndarray
+    joint_names: tuple
+
+
+def simulated(values, robot):
+    """The Simulated of parameters {name: checked value} and a robot. Raises RobotDynamicsError."""
+    names, angles = values["wheels.joints"], values["wheels.roller_angles"]
+    _alike("wheels.radii", values["wheels.radii"], "wheels.joints", names)
+    if angles:
+        _alike("wheels.roller_angles", angles, "wheels.joints", names)
+    rolled = zip(names, values["wheels.radii"], angles or [None] * len(names), strict=True)
+    wheels = [Wheel(name, radius, angle) for name, radius, angle in rolled]
+    ground = None
+    if values["ground.points"]:
+        ground = Ground(**{name: values[f"ground.{name}"] for name in Ground.__dataclass_fields__})
+    settings = {"step": values["step"], "drive_time": values["drive_time"], "base": values["base_motion"] or None}
+    simulation = Simulation(robot, wheels=wheels, ground=ground, **settings)
+    _start(simulation, values)
+    undriven = simulation.dynamics.undriven_joint_names
+    driven = [name for name in simulation.joint_names if name not in undriven]
+    for name in values["joints"]:
+        if name not in driven:
+            raise QuestionError(f"parameter joints: {name!r} has no motor; {', '.join(driven)} have")
+    if len(set(values["joints"])) < len(values["joints"]):
+        raise QuestionError("parameter joints names a joint more than once")
+    chosen = tuple(values["joints"] or driven)
+    return Simulated(simulation, np.array([simulation.joint_names.index(name) for name in chosen], dtype=int), chosen)
+
+
+def _start(simulation, values):
+    names = values["initial.joints"]
+    start, places = simulation.state, []
+    for name in names:
+        if name not in simulation.joint_names:
+            raise QuestionError(
+                f"parameter initial.joints: {name!r} is none of the joints {', '.join(simulation.joint_names)}"
+            )
+        places.append(simulation.joint_names.index(name))
+    initial = {"positions": start.positions.copy(), "velocities": start.velocities.copy()}
+    for what, array in initial.items():
+        told = values[f"initial.{what}"]
+        if told:
+            _alike(f"initial.{what}", told, "initial.joints", names)
+            array[places] = told
+    pose, quaternion = np.eye(4), np.array(values["initial.pose"][3:])
+    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
+        raise QuestionError(f"parameter initial.pose has a quaternion of norm {np.linalg.norm(quaternion):g}, not 1")
+    pose[:3, :3], pose[:3, 3] = Rotation.from_quat(quaternion).as_matrix(), values["initial.pose"][:3]
+    simulation.start(**initial, base=Base(pose, values["initial.twist"]))
+
+
+def _alike(name, values, other, names):
+    if len(values) != len(names):
+        raise QuestionError(f"parameter {name} has {len(values)} values and {other} {len(names)}: one for each")

@@ -1,0 +1,1 @@
+"""Bags against the model: recordings are read, filtered, compared with the efforts of `Dynamics`, and reported."""

@@ -1,0 +1,271 @@
+"""From messages to stretches: joints of all topics on one uniform grid, in pieces that fit the memory.
+
+Stamps may jump, repeat or run back, joints may be spread over messages and topics in any order, values may be missing:
+all of it is counted in a Tally, and nothing is filled in across a gap.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from robot_dynamics.errors import RecordingError
+from robot_dynamics.replay.signals import on_grid
+from robot_dynamics.replay.tally import Tally
+
+CHUNK = 20_000  # messages that are put on the grid at once
+JUMP = 1.0  # [s] back that is another clock, and not a message that came late
+LEAP = 10.0  # [s] ahead of the time of recording that is another clock
+GAP = 5.5  # steps of the grid without a sample that are a gap
+CARRIED = 8  # samples kept for the interpolation of what follows
+LEAST_SAMPLES = 8  # to tell the rate from
+MOST_KNOWN = 1000  # sorts of messages that are remembered
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """Samples without a gap on a uniform grid.
+
+    time: of the first sample [s] after the beginning of the recording; rate [1/s]; position, velocity, effort: (N, k),
+    columns of velocity and effort nan where they were not measured; continues: whether it goes on where the Stretch
+    before it ended.
+    """
+
+    time: float
+    rate: float
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+    continues: bool
+
+    def __len__(self):
+        return len(self.position)
+
+
+class Clock:
+    """Times [s] of samples after the first one: by their stamps, and by times of recording where the clock jumps."""
+
+    def __init__(self, tally):
+        self.tally, self.offset, self.jumped = tally, None, False
+        self.latest = self.recorded = 0
+
+    def time(self, sample):
+        """The time of a sample; `jumped`: whether the clock was set anew before it."""
+        stamp, self.jumped = sample.stamp, False
+        if stamp == 0 and sample.recorded:
+            self.tally.counts["no_stamp"] += 1
+            stamp = sample.recorded
+        if self.offset is None:
+            self.offset, self.recorded, self.tally.origin = -stamp, sample.recorded, stamp
+        time, passed = stamp + self.offset, sample.recorded - self.recorded
+        ahead = time - self.latest
+        if ahead < -JUMP * 1e9 or (sample.recorded and ahead - passed > LEAP * 1e9):
+            self.jumped = True
+            self.tally.counts["clock_jumps"] += 1
+            self.offset += self.latest + max(passed, 1_000_000) - time
+            time = stamp + self.offset
+        self.latest, self.recorded = max(self.latest, time), sample.recorded
+        return time * 1e-9
+
+
+class Assembly:
+    """Puts JointSamples together; `feed` them one by one, and `drain` what can be put on the grid."""
+
+    def __init__(self, names, tally, rate=None):
+        self.names, self.tally = tuple(names), tally
+        self.step = None if rate is None else 1 / rate
+        self._places = {name: place for place, name in enumerate(self.names)}
+        self._known = {}  # (topic, names of a message) to (joints told, their columns)
+        self._owners = {}  # topic that tells of each joint
+        self._clock = Clock(tally)
+        self._rows, self._count = {}, 0  # {joints: [(time, position, velocity, effort)]}
+        self._end = None  # time of the last sample on the grid
+        self._counted = -np.inf  # time up to which gaps are in the tally
+        self.finished = []
+
+    def feed(self, sample):
+        """Take one sample; what a jump of the clock ends comes out in `finished`."""
+        self.tally.messages += 1
+        key = sample.source, sample.names
+        if key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            self._known[key] = self._match(sample)
+        joints, columns = self._known[key]
+        if not joints:
+            self.tally.counts["strange"] += 1
+            return
+        size = len(sample.names)
+        if len(sample.position) != size:
+            self.tally.counts["lengths"] += 1
+            return
+        time = self._clock.time(sample)
+        if self._clock.jumped:
+            self.finished += self.drain(final=True)
+        missing = np.full(len(joints), np.nan)
+        velocity, effort = (values[columns] if len(values) == size else missing
+                            for values in (sample.velocity, sample.effort))  # fmt: skip
+        self._rows.setdefault(joints, []).append((time, sample.position[columns], velocity, effort))
+        self._count += 1
+
+    def _match(self, sample):
+        """(numbers of the joints that messages like this tell of, ascending; their columns)."""
+        found = {}
+        for column, name in enumerate(sample.names):
+            place = self._places.get(name)
+            if place is None:
+                self.tally["joints that the model does not ask for"] = name
+            elif self._owners.setdefault(place, sample.source) != sample.source:
+                self.tally.counts["also_told"] += 1
+                self.tally[f"joints that {sample.source} tells of too, and {self._owners[place]} before it"] = name
+            elif place in found:
+                raise RecordingError(f"{sample.source}: joint {name!r} is named twice in one message")
+            else:
+                found[place] = column
+        joints = tuple(sorted(found))
+        return joints, [found[place] for place in joints]
+
+    @property
+    def is_full(self):
+        return self._count >= CHUNK
+
+    @property
+    def held(self):
+        """Rows that wait to be put on the grid, or for joints that are not told of."""
+        return sum(map(len, self._rows.values()))
+
+    @property
+    def offset(self):
+        """What is added to stamps [ns] to have times, as the clock stands; None before the first sample."""
+        return self._clock.offset
+
+    def drain(self, final=False):
+        """The Stretches that are ready; with `final` all, and what comes next is not joined to them."""
+        told = {place for joints in self._rows for place in joints}
+        missing = [name for place, name in enumerate(self.names) if place not in told]
+        if missing and not final:
+            return []
+        if missing:
+            self._forget()
+            recorded = ", ".join(self.names[place] for place in sorted(told)) or "none of them"
+            raise RecordingError(
+                f"joints missing: {', '.join(missing)}. Positions of all joints are needed, recorded are: {recorded}"
+            )
+        bands = self._bands()
+        without_any = not final and any(len(times) == 0 for _, times, *_ in bands)
+        if without_any or (self.step is None and not self._measure_step(bands, final)):
+            self._keep(bands, -np.inf)
+            return []
+        common = _intersected([self._intervals(times) for _, times, *_ in bands])
+        if not final:
+            limit = min(times[-1] for _, times, *_ in bands)
+            common = [(start, min(end, limit)) for start, end in common if start < limit]
+        stretches = [stretch for start, end in common if (stretch := self._stretch(bands, start, end)) is not None]
+        self.tally.samples += sum(map(len, stretches))
+        if final:
+            self._forget()
+        else:
+            self._keep(bands, min(times[-1] for _, times, *_ in bands))
+        return stretches
+
+    def _bands(self):
+        """[(joints, times, position, velocity, effort)] of joints that are told together, in the order of time."""
+        partial = {place: [key for key in self._rows if place in key] for place in range(len(self.names))}
+        sets = {}
+        for place, keys in partial.items():
+            if keys:
+                sets.setdefault(tuple(keys), []).append(place)
+        return [self._band(keys, joints) for keys, joints in sets.items()]
+
+    def _band(self, keys, joints):
+        parts = []
+        for key in keys:
+            columns, rows = [key.index(place) for place in joints], self._rows[key]
+            times = np.array([row[0] for row in rows])
+            parts.append((times, *(np.array([row[field] for row in rows])[:, columns] for field in (1, 2, 3))))
+        times, *fields = (np.concatenate(part) for part in zip(*parts, strict=True))
+        if len(parts) > 1:
+            order = np.argsort(times, kind="stable")
+            times, fields = times[order], [field[order] for field in fields]
+        return self._sound(joints, times, *fields)
+
+    def _sound(self, joints, times, position, velocity, effort):
+        """The rows that are finite and later than all before them."""
+        latest = np.maximum.accumulate(times)
+        late = np.concatenate([[False], times[1:] <= latest[:-1]]) if len(times) else np.zeros(0, dtype=bool)
+        repeated = late & np.concatenate([[False], np.diff(times) == 0])[: len(late)]
+        measured = np.isfinite(effort).any(axis=0)
+        finite = np.isfinite(position).all(axis=1) & np.isfinite(effort[:, measured]).all(axis=1)
+        self.tally.counts["duplicates"] += int(repeated.sum())
+        self.tally.counts["out_of_order"] += int((late & ~repeated).sum())
+        self.tally.counts["not_finite"] += int((~finite & ~late).sum())
+        good = finite & ~late
+        return joints, times[good], position[good], velocity[good], effort[good]
+
+    def _measure_step(self, bands, final):
+        fastest = min((np.median(np.diff(times)) for _, times, *_ in bands if len(times) >= LEAST_SAMPLES),
+                      default=None)  # fmt: skip
+        if fastest is None and final:
+            most = max((len(times) for _, times, *_ in bands), default=0)
+            self._forget()
+            raise RecordingError(f"{most} samples of the joints: {LEAST_SAMPLES} at least are needed")
+        self.step = fastest
+        return fastest is not None
+
+    def _intervals(self, times):
+        """(start, end) of the pieces between gaps."""
+        if len(times) < 2:
+            return []
+        cuts = np.flatnonzero(np.diff(times) > GAP * self.step)
+        self.tally.counts["gaps"] += int((times[cuts + 1] > self._counted).sum())
+        return list(zip(times[[0, *(cuts + 1)]], times[[*cuts, -1]], strict=True))
+
+    def _stretch(self, bands, start, end):
+        continues = self._end is not None and start <= self._end + 1e-6 * self.step
+        first = self._end + self.step if continues else start
+        size = int(np.floor((end - first) / self.step + 1e-3)) + 1
+        if size < 1:
+            return None
+        grid = first + self.step * np.arange(size)
+        arrays = np.full((3, size, len(self.names)), np.nan)
+        for joints, times, *fields in bands:
+            near = slice(*np.searchsorted(times, [grid[0] - CARRIED * self.step, grid[-1] + CARRIED * self.step]))
+            for array, values in zip(arrays, fields, strict=True):
+                array[:, joints] = on_grid(times[near], values[near], grid)
+        self._end = grid[-1]
+        return Stretch(float(first), 1 / self.step, *arrays, continues)
+
+    def _keep(self, bands, limit):
+        """Forget all but what the interpolation of the next samples needs."""
+        self._rows, self._counted = {}, max(limit, self._counted)
+        for joints, times, *fields in bands:
+            first = max(0, np.searchsorted(times, limit) - CARRIED)
+            if first < len(times):
+                self._rows[tuple(joints)] = list(zip(times[first:], *(field[first:] for field in fields), strict=True))
+        self._count = 0
+
+    def _forget(self):
+        self._rows, self._count, self._end = {}, 0, None
+
+
+def stretches(samples, names, tally=None, rate=None):
+    """Yield the Stretches of JointSamples: positions, velocities and efforts of the joints `names`, in this order.
+
+    rate: samples per second of the grid; None: as recorded. Raises RecordingError.
+    """
+    assembly = Assembly(names, Tally() if tally is None else tally, rate)
+    for sample in samples:
+        assembly.feed(sample)
+        yield from assembly.finished
+        assembly.finished = []
+        if assembly.is_full:
+            yield from assembly.drain()
+    yield from assembly.drain(final=True)
+
+
+def _intersected(lists):
+    """What all of some lists of intervals have in common."""
+    found = lists[0]
+    for others in lists[1:]:
+        pairs = ((max(a, c), min(b, d)) for a, b in found for c, d in others)
+        found = [(start, end) for start, end in pairs if start < end]
+    return found

@@ -1,0 +1,148 @@
+"""Bags of rosbag2, folders and single files, sqlite3 and MCAP, compressed or not: their joint states, one by one.
+
+Without ROS: `rosbags` reads what is whole, and what breaks off is read up to there (`broken_bags`).
+"""
+
+import re
+from contextlib import ExitStack
+from pathlib import Path
+
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from robot_dynamics.errors import RecordingError, unknown_name
+from robot_dynamics.replay.broken_bags import MCAP_MAGIC, SQLITE_MAGIC, mcap_until_broken, sqlite_until_broken
+from robot_dynamics.replay.joint_sample import joint_sample
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+STORAGES = (".mcap", ".db3")
+
+
+class Bag:
+    """A bag: `topics` {name: type}; `notes`, sentences on what is wrong with it; `samples`, as often as asked for.
+
+    path: a Path of a folder or a file. Raises RecordingError where nothing in it can be read.
+    """
+
+    def __init__(self, path):
+        self.path, self.notes = path, []
+        self._parts = [path]
+        if path.is_dir() and (trouble := _trouble(path)):
+            self._parts = _storage_files(path)
+            if not self._parts:
+                raise RecordingError(f"{path} is no bag: it has neither metadata.yaml nor files {', '.join(STORAGES)}")
+            self.note(f"metadata.yaml cannot be used ({trouble}): the files of the folder are read one by one")
+        self._broken = {part: _is_broken(part, self.note) for part in self._parts}
+        self.topics, self.counts = {}, {}
+        for part in self._parts:
+            for topic, kind, count in self._listed(part):
+                self.topics[topic] = kind
+                self.counts[topic] = self.counts.get(topic, 0) + count
+
+    def note(self, sentence):
+        if sentence not in self.notes:
+            self.notes.append(sentence)
+
+    def joint_topics(self, wanted=()):
+        """The topics that are wanted, else all with joint states. Raises RecordingError where there is none."""
+        for topic in wanted:
+            if topic not in self.topics:
+                raise RecordingError(f"{self.path}: {unknown_name('topic', topic, self.topics)}")
+            if self.topics[topic] != JOINT_STATE:
+                raise RecordingError(f"{self.path}: topic {topic} is {self.topics[topic]}: {JOINT_STATE} is needed")
+        found = list(wanted) or sorted(topic for topic, kind in self.topics.items() if kind == JOINT_STATE)
+        if not found:
+            told = "; ".join([*self.notes, *(f"{topic}: {kind}" for topic, kind in self.topics.items())])
+            raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {told[:500] or 'nothing'}")
+        return sorted(found, key=lambda topic: (not topic.endswith("joint_states"), topic))
+
+    def samples(self, topics):
+        """Yield the JointSamples of topics, in the order of the bag."""
+        store, unread = get_typestore(Stores.ROS2_JAZZY), 0
+        for topic, recorded, data in self._messages(topics):
+            try:
+                message = store.deserialize_cdr(data, JOINT_STATE)
+            except Exception:  # bytes that are no message: numpy, struct and text decoding say so each in its way
+                unread += 1
+                continue
+            yield joint_sample(topic, recorded, message)
+        if unread:
+            self.note(f"{unread} messages are damaged, and were left out")
+
+    def _messages(self, topics):
+        for part in self._parts:
+            if self._broken[part]:
+                for topic, _, recorded, data in _until_broken(part, self.note):
+                    if topic in topics:
+                        yield topic, recorded, data
+            else:
+                yield from self._whole(part, topics)
+
+    def _whole(self, part, topics):
+        count = 0
+        with ExitStack() as stack:
+            reader = stack.enter_context(Reader(part))
+            connections = [connection for connection in reader.connections if connection.topic in topics]
+            try:
+                for connection, recorded, data in reader.messages(connections) if connections else ():
+                    yield connection.topic, recorded, data
+                    count += 1
+            except Exception as error:
+                told = " ".join(str(error).split())[:100] or type(error).__name__
+                self.note(f"{part.name} breaks off after {count} messages ({told})")
+
+    def _listed(self, part):
+        """(topic, type, messages) of a part."""
+        if not self._broken[part]:
+            with Reader(part) as reader:
+                return [(each.topic, each.msgtype, each.msgcount) for each in reader.connections]
+        counts = {}
+        for topic, kind, _, _ in _until_broken(part, self.note):
+            counts[topic, kind] = counts.get((topic, kind), 0) + 1
+        return [(*key, count) for key, count in counts.items()]
+
+
+def _trouble(path):
+    """Why `rosbags` refuses a bag; empty where it does not."""
+    try:
+        with Reader(path):
+            return ""
+    except Exception as error:
+        return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _storage_files(folder):
+    """Files of a folder, those of a split bag in their order: run_2.mcap before run_10.mcap."""
+
+    def order(path):
+        return [int(digits) if digits.isdigit() else digits for digits in re.split(r"(\d+)", path.name)]
+
+    return sorted((path for path in folder.iterdir() if path.suffix in STORAGES), key=order)
+
+
+def _is_broken(part, note):
+    """Whether a file has to be read without its end; a folder has been read already."""
+    if part.is_dir():
+        return False
+    log = Path(f"{part}-wal")
+    unwritten = log.exists() and log.stat().st_size > 0
+    if not unwritten and not (trouble := _trouble(part)):
+        return False
+    kind = _kind(part)
+    note(f"{part.name} was not closed: its write-ahead log is read too" if unwritten else
+         f"{part.name} is not whole ({trouble}): it is read as {kind} up to where it breaks")  # fmt: skip
+    return True
+
+
+def _kind(part):
+    with part.open("rb") as file:
+        beginning = file.read(16)
+    if beginning.startswith(MCAP_MAGIC):
+        return "MCAP"
+    if beginning == SQLITE_MAGIC:
+        return "sqlite3"
+    raise RecordingError(f"{part} is no bag: its first bytes are those of neither MCAP nor sqlite3")
+
+
+def _until_broken(part, note):
+    return (mcap_until_broken if _kind(part) == "MCAP" else sqlite_until_broken)(part, note)

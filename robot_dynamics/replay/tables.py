@@ -1,0 +1,142 @@
+"""CSV with named columns: `time` [s], and for each joint `<joint>.position`, `.velocity`, `.effort`; or a folder with a
+file for positions and one for efforts, as drives tell."""
+
+import csv
+from itertools import islice
+
+import numpy as np
+
+from robot_dynamics.errors import RecordingError
+from robot_dynamics.replay.joint_sample import JointSample
+
+FIELDS = ("position", "velocity", "effort")
+CLOCKS = ("time", "t", "stamp", "timestamp")
+NANOSECONDS = 1e9
+CHUNK = 20_000  # rows
+
+
+class Table:
+    """A CSV file, or a folder of them, with the interface of a Bag.
+
+    path: a Path; tables: Tables of drives, None for a file with columns of all kinds. Raises RecordingError.
+    """
+
+    def __init__(self, path, tables=None):
+        self.path, self.tables, self.notes = path, tables, []
+        if tables is None:
+            self.files = {None: path}
+        else:
+            told = {field: getattr(tables, field) for field in FIELDS}
+            self.files = {field: path / name for field, name in told.items() if name is not None}
+        self.columns = {field: self._head(file) for field, file in self.files.items()}
+        self.joints = self._joints()
+        self.counts = {str(path): None}
+
+    def note(self, sentence):
+        if sentence not in self.notes:
+            self.notes.append(sentence)
+
+    def joint_topics(self, wanted=()):
+        if wanted:
+            raise RecordingError(f"{self.path} is a table: it has no topics, leave {', '.join(wanted)} out")
+        return [str(self.path)]
+
+    def samples(self, topics):
+        """Yield the JointSamples, row by row."""
+        stamps, number = self._stamps(), 0
+        for rows in self._chunks():
+            for row in rows:
+                yield JointSample(str(self.path), stamps(row, number), 0, self.joints, *self._values(row))
+                number += 1
+
+    def _head(self, file):
+        try:
+            with file.open(newline="", encoding="utf-8-sig") as lines:
+                head = next(csv.reader(lines), [])
+        except (OSError, UnicodeError, csv.Error) as error:
+            raise RecordingError(f"{file} cannot be read as CSV: {error}") from None
+        names = [name.strip() for name in head]
+        if not names or all(_is_number(name) for name in names):
+            raise RecordingError(f"{file}: its first line has no names of columns: time,joint_1.position,... is needed")
+        return names
+
+    def _joints(self):
+        if self.tables is not None:
+            first = self.columns["position"]
+            for field, names in self.columns.items():
+                if sorted(names) != sorted(first):
+                    raise RecordingError(f"{self.files[field]} has columns {names}, those of positions are {first}")
+            return tuple(first)
+        (columns,) = self.columns.values()
+        found = [name.rpartition(".")[0] for name in columns if name.endswith(".position")]
+        if not found:
+            raise RecordingError(f"{self.path} has columns {', '.join(columns)[:300]}: joint.position is needed")
+        return tuple(dict.fromkeys(found))
+
+    def _stamps(self):
+        """A function of (row, number of the row) to the stamp [ns]."""
+        if self.tables is not None:
+            if self.tables.rate is None:
+                raise RecordingError(f"{self.path}: `rate` of `tables` is missing, the samples per second")
+            step = NANOSECONDS / self.tables.rate
+            return lambda row, number: round(step * (number + 1))
+        columns = self.columns[None]
+        clock = next((columns.index(name) for name in CLOCKS if name in columns), None)
+        if clock is None:
+            raise RecordingError(f"{self.path} has no column {CLOCKS[0]} [s]")
+        return lambda row, number: round(row[None][clock] * NANOSECONDS) if np.isfinite(row[None][clock]) else 0
+
+    def _values(self, row):
+        empty = np.zeros(0)
+        if self.tables is not None:
+            return [row[field][self._order[field]] if field in row else empty for field in FIELDS]
+        values = row[None]
+        return [values[places] if len(places := self._order[field]) == len(self.joints) else empty for field in FIELDS]
+
+    @property
+    def _order(self):
+        if not hasattr(self, "_places"):
+            if self.tables is not None:
+                self._places = {field: [names.index(name) for name in self.joints]
+                                for field, names in self.columns.items()}  # fmt: skip
+            else:
+                columns = self.columns[None]
+                self._places = {field: [columns.index(f"{name}.{field}") for name in self.joints
+                                        if f"{name}.{field}" in columns] for field in FIELDS}  # fmt: skip
+        return self._places
+
+    def _chunks(self):
+        """Lists of {field: (columns,) numbers}, nan where there is none."""
+        files = {field: file.open(newline="", encoding="utf-8-sig") for field, file in self.files.items()}
+        try:
+            readers = {field: csv.reader(lines) for field, lines in files.items()}
+            for reader in readers.values():
+                next(reader, None)
+            while True:
+                parts = {field: self._numbers(field, list(islice(reader, CHUNK))) for field, reader in readers.items()}
+                rows = min(len(part) for part in parts.values())
+                if rows != max(len(part) for part in parts.values()):
+                    self.note("the files have different numbers of rows: what is beyond the shortest is left out")
+                if not rows:
+                    return
+                yield [{field: part[number] for field, part in parts.items()} for number in range(rows)]
+        finally:
+            for lines in files.values():
+                lines.close()
+
+    def _numbers(self, field, rows):
+        width = len(self.columns[field])
+        try:
+            return np.array(rows, dtype=float).reshape(-1, width)
+        except ValueError:
+            cut = [[cell if _is_number(cell) else "nan" for cell in (row + [""] * width)[:width]] for row in rows]
+            self.note(f"{self.files[field].name}: cells that are no numbers were taken as missing")
+            return np.array(cut, dtype=float).reshape(-1, width)
+
+
+def _is_number(cell):
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True

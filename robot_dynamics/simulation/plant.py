@@ -1,0 +1,224 @@
+"""What moves a robot: accelerations of its base and its joints from efforts, wrenches, and what holds the base.
+
+Rates are ν = [V0; q̇] (6 + n,), the twist of the base in the base frame and the velocities of Dynamics.joint_names;
+ν̇ are their derivatives. Of a fixed base the six are zero.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import null_space
+
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import CompilationError, QuestionError, SimulationError
+from robot_dynamics.newton_euler.walker_orin import inertia_matrix
+from robot_dynamics.question import Base
+from robot_dynamics.simulation.friction import STIFF
+from robot_dynamics.simulation.wheels import Rolling
+from robot_dynamics.symbolic.compiled import compile_program
+from robot_dynamics.symbolic.compiled_models import PythonProgram
+from robot_dynamics.symbolic.models import frames_model
+
+BASES = ("fixed", "free", "planar")
+RANK = 1e-9  # below which a singular value of constraints is rounding
+HEADING = (0, 5, 1)  # the rows of V0 in which a base that is told how to drive hears: ahead, turning, aside
+
+
+class Plant:
+    """The compiled models of a robot, with what holds its base.
+
+    base: fixed, free, or planar: gliding in the plane of its x and y, on wheels that roll where there are some.
+    dynamics: of the same robot, its base moving or not as `base` says, without the friction that is told by dry and
+    viscous: (all joints,) Fs h [N m s] and Fv h, what is for the end of a step of h.
+    """
+
+    def __init__(self, robot, base, wheels, links, step):
+        if base not in BASES:
+            raise QuestionError(f"base is {base!r}: {', '.join(BASES)} are known")
+        if wheels and base != "planar":
+            raise QuestionError(f"wheels carry a planar base, not a {base} one")
+        self.base = base
+        self.dry = step * np.array([joint.coulomb_friction for joint in robot.joints])
+        self.viscous = step * np.array([joint.viscous_friction for joint in robot.joints])
+        self.viscous[self.viscous <= STIFF * least_inertias(replace(robot, moving_base=base != "fixed"))] = 0
+        joints = tuple(
+            replace(joint, coulomb_friction=0.0, viscous_friction=0.0 if stiff else joint.viscous_friction)
+            for joint, stiff in zip(robot.joints, self.viscous, strict=True)
+        )
+        self.dynamics = Dynamics(replace(robot, joints=joints, moving_base=base != "fixed"))
+        self.size = len(self.dynamics.joint_names)
+        self._inertia = self.dynamics.compile("inertia_matrix")
+        self._links, self._direct = None, None
+        self.listen_to(links)
+        self._rolling = Rolling(robot, wheels) if base == "planar" else None
+        self._looped = bool(robot.loops)
+        self._places = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
+        self._G = None if self._looped else self.dynamics.expand_rates(np.eye(self.size)).T
+        if self._rolling is not None:
+            self._rolling.rows(self.dynamics.closed_positions)  # refuses wheels that do not stand
+        self._known = {}  # what constant constraints give, by whether the base is told how to drive
+
+    def listen_to(self, links):
+        """Let external wrenches act on the named links."""
+        links = tuple(links)
+        if links != self._links:
+            self._direct = self.dynamics.compile("direct", wrenches=links)
+            self._links = links
+            self._outputs = [np.empty(shape) for _, shape in self._direct.interface.outputs]
+
+    @property
+    def links(self):
+        """Names of the links that external wrenches act on, in the order in which `unconstrained` takes them."""
+        return self._links
+
+    def unconstrained(self, q, rates, gravity, efforts, wrenches):
+        """ν̇ (6 + n,) where nothing holds a moving base.
+
+        q: as programs take it; gravity: (3,) in the base frame; efforts: (n,); wrenches: (6,) for each of `links`.
+        """
+        found, twist = np.zeros(6 + self.size), rates[:6]
+        base = () if self.base == "fixed" else (twist, gravity)
+        self._direct.evaluate(q, rates[6:], efforts, *base, *wrenches, *self._outputs)
+        found[6:] = self._outputs[0]
+        if base:
+            found[:6] = self._outputs[1]
+            found[:3] -= carried(twist)
+        return found
+
+    def refuse(self, q, rates, efforts):
+        """Raise what says best why there are no accelerations: SingularModelError, or SimulationError."""
+        base = {} if self.base == "fixed" else {"base": Base(twist=rates[:6])}
+        with suppress(QuestionError):  # numbers too large, which is what the last line says
+            self.dynamics.direct(q, rates[6:], efforts, **base)
+        raise SimulationError("numbers grew beyond all bounds: the step is too long for what moves or pushes here")
+
+    def inertia_matrix(self, q):
+        """A (6 + n, 6 + n), or (n, n) where the base is fixed."""
+        return self._inertia.evaluate(q)
+
+    def held(self, q, rates, accelerations, told=None, joints=None):
+        """ν̇ (6 + n,) of what is held, from that of `unconstrained` (Gauss's principle of least constraint).
+
+        told: (6,) derivative of the twist that a drive gives the base, as far as wheels can; joints: (n,) accelerations
+        that all joints have.
+
+            ν̇ = b + N (Nᵀ A N)⁻¹ Nᵀ A (ν̇_free - b),   C N = 0,   C b = c
+        """
+        if self._rolling is None and joints is None:
+            return accelerations
+        if self.base == "fixed":
+            return np.concatenate([np.zeros(6), joints])
+        N, solver, heard, drift = self._constraint(q, rates, told is not None, joints is not None)
+        wanted = [-drift]
+        if told is not None:
+            wanted.append(told[heard])
+        if joints is not None:
+            wanted.append(joints)
+        given = solver @ np.concatenate(wanted)
+        return given + self._response(q, N) @ (self.inertia_matrix(q) @ (accelerations - given))
+
+    def allowed(self, q, rates, joints=False):
+        """The rates (6 + n,) nearest to these, by their energy, that the constraints allow. joints: whether those of
+        the joints stay."""
+        if self._rolling is None:
+            return rates
+        N, solver, _, drift = self._constraint(q, rates, False, joints)
+        given = solver @ np.concatenate([np.zeros_like(drift), rates[6:]]) if joints else np.zeros_like(rates)
+        return given + self._response(q, N) @ (self.inertia_matrix(q) @ (rates - given))
+
+    def response(self, q, rates, told=False):
+        """(6 + n, 6 + n) what rates change by for unit impulses. told: whether a drive moves the base."""
+        if self.base == "fixed":
+            found = np.zeros((6 + self.size, 6 + self.size))
+            found[6:, 6:] = np.linalg.inv(self.inertia_matrix(q))
+            return found
+        N = np.eye(6 + self.size) if self._rolling is None else self._constraint(q, rates, told, False)[0]
+        return self._response(q, N)
+
+    def _response(self, q, N):
+        """N (Nᵀ A N)⁻¹ Nᵀ."""
+        return N @ np.linalg.solve(N.T @ self.inertia_matrix(q) @ N, N.T)
+
+    def begun(self, q, rates, of_base):
+        """Rates (6 + n,) that the constraints allow, to begin with: where it is said how the base moves (of_base) the
+        wheels follow, else the base follows the joints."""
+        if self._rolling is None:
+            return rates
+        C, _ = self._rows(q, rates)
+        N = null_space(C)
+        wheels = [6 + k for k in range(self.size) if self._places[k] in self._rolling.joints]
+        others = [k for k in range(6, 6 + self.size) if k not in wheels]
+        asked = [*self._heard(N), *others] if of_base else slice(6, None)
+        return N @ np.linalg.lstsq(N[asked], rates[asked], rcond=None)[0]
+
+    def residual(self, q, rates):
+        """C ν (m,): velocities [m/s, rad/s] that wheels and plane forbid."""
+        return np.zeros(0) if self._rolling is None else self._rows(q, rates)[0] @ rates
+
+    def _rows(self, q, rates):
+        """(C (m, 6 + n), Ċ ν (m,))."""
+        everyone, G = self.dynamics.expand(q), self._G
+        if self._looped:
+            G = self.dynamics.expand_rates(np.eye(self.size), q).T
+        qd = G @ rates[6:]
+        C, turned = self._rolling.rows(everyone, qd)
+        drift = turned @ np.concatenate([rates[:6], qd])
+        if self._looped:
+            drift = drift + C[:, 6:] @ self.dynamics.expand_accelerations(np.zeros(self.size), q, rates[6:])
+        return np.concatenate([C[:, :6], C[:, 6:] @ G], axis=1), drift
+
+    def _constraint(self, q, rates, told, joints):
+        """(N, C⁺, rows of the twist that are told, Ċ ν), kept where they never change."""
+        constant = self._rolling is None or (self._rolling.constant and not self._looped)
+        if constant and (told, joints) in self._known:
+            return self._known[told, joints]
+        unit = np.eye(6 + self.size)
+        C, drift = (unit[:0], np.zeros(0)) if self._rolling is None else self._rows(q, rates)
+        heard = self._heard(null_space(C)) if told else []
+        C = np.concatenate([C, unit[heard], unit[6:] if joints else unit[:0]])
+        U, sizes, V = np.linalg.svd(C)
+        rank = int(np.sum(sizes > RANK * sizes[0]))
+        solver = (V[:rank].T / sizes[:rank]) @ U[:, :rank].T
+        found = V[rank:].T, solver, heard, drift
+        if constant:
+            self._known[told, joints] = found
+        return found
+
+    def _heard(self, N):
+        """Rows of the twist of the base that can be told independently for rates N u."""
+        heard = []
+        for row in HEADING:
+            if np.linalg.matrix_rank(N[[*heard, row]], tol=RANK) > len(heard):
+                heard.append(row)
+        return heard
+
+
+def least_inertias(robot):
+    """(all joints,) about the least inertia that a joint may have to move: everything else free to give way."""
+    free = replace(robot, loops=(), platforms=(), joints=tuple(replace(joint, mimic=None) for joint in robot.joints))
+    A = inertia_matrix(free, np.array([joint.initial_position for joint in robot.joints]))
+    with np.errstate(all="ignore"):
+        return 1 / np.diagonal(np.linalg.pinv(A))[len(A) - len(robot.joints) :]
+
+
+def carried(twist):
+    """ω × v (3,): what the classical acceleration of the base has beside the derivative of v in the base frame."""
+    a, b, c, x, y, z = twist.tolist()
+    return np.array([y * c - z * b, z * a - x * c, x * b - y * a])
+
+
+class Frames:
+    """Where named frames are and how they move: a compiled program."""
+
+    def __init__(self, dynamics, names):
+        self._moving = dynamics.robot.moving_base
+        program = frames_model(dynamics.robot, names)
+        try:
+            self._program = compile_program(program)
+        except CompilationError:
+            self._program = PythonProgram(program)
+
+    def __call__(self, q, rates):
+        """Rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) in frame 0."""
+        return self._program.evaluate(q, rates[6:], *((rates[:6],) if self._moving else ()))

@@ -1,0 +1,55 @@
+"""Rotations within a step, as rotation vectors from where the step began: a chart of SO(3) that no step leaves.
+
+R(t) = R₀ exp(φ̂(t)), φ = 0 where the step begins, so R stays a rotation whatever the integrator makes of φ, and there is
+no quaternion to be normalised. Source of both formulas: Iserles, Munthe-Kaas, Nørsett and Zanna, Lie-group methods,
+Acta Numerica 9 (2000), appendix B.
+"""
+
+from math import cos, sin, sqrt
+
+import numpy as np
+
+SMALL = 0.05  # [rad²] below which the series are exact to rounding
+
+
+def exponential(phi):
+    """exp(φ̂) (3, 3) = I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂² of a rotation vector φ (3,), θ = |φ|."""
+    x, y, z = phi.tolist()
+    square = x * x + y * y + z * z
+    if square < SMALL:
+        s = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
+        c = 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90 * (1 - square / 132))))
+    else:
+        angle = sqrt(square)
+        s, c = sin(angle) / angle, 2 * (sin(angle / 2) / angle) ** 2
+    return np.array(
+        [
+            [1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
+            [c * x * y + s * z, 1 - c * (x * x + z * z), c * y * z - s * x],
+            [c * x * z - s * y, c * y * z + s * x, 1 - c * (x * x + y * y)],
+        ]
+    )
+
+
+def rotation_vector_rate(phi, omega):
+    """φ̇ (3,) of R = R₀ exp(φ̂) that turns with ω (3,), in its own axes: ω + φ × ω/2 + k φ × (φ × ω),
+    k = (1 - θ/2 cot θ/2)/θ²."""
+    x, y, z = phi.tolist()
+    square = x * x + y * y + z * z
+    if square < SMALL:
+        k = 1 / 12 + square / 720 * (1 + square / 42 * (1 + square / 40 * (1 + square * 10 / 396)))
+    else:
+        half = sqrt(square) / 2
+        k = (1 - half * cos(half) / sin(half)) / square
+    a, b, c = omega.tolist()
+    u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
+    return [
+        a + u / 2 + k * (y * w - z * v),
+        b + v / 2 + k * (z * u - x * w),
+        c + w / 2 + k * (x * v - y * u),
+    ]
+
+
+def orthonormal(R):
+    """R (3, 3) with its rounding taken off: a step of Newton's method to the rotation nearest to it."""
+    return R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))

@@ -1,0 +1,28 @@
+"""The explicit Runge-Kutta method of order 6 in seven stages.
+
+Source: J. C. Butcher, On Runge-Kutta processes of high order, J. Australian Mathematical Society 4 (1964), 179-194.
+Order 6 because the fastest links of an arm turn by some hundredths of a radian in a step of 1 ms: then a step of order
+4 loses 1e-10 of the energy, a minute of them 1e-6, and two orders more cost three calls of a compiled model.
+"""
+
+import numpy as np
+
+NODES = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
+STAGES = (
+    np.array([1 / 3]),
+    np.array([0, 2 / 3]),
+    np.array([1 / 12, 1 / 3, -1 / 12]),
+    np.array([-1 / 16, 9 / 8, -3 / 16, -3 / 8]),
+    np.array([0, 9 / 8, -3 / 8, -3 / 4, 1 / 2]),
+    np.array([9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11]),
+)
+WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
+
+
+def increment(derivative, time, y, step):
+    """What y (m,) grows by in a step [s]; derivative(time, y) gives dy/dt (m,)."""
+    slopes = np.empty((len(WEIGHTS), len(y)))
+    slopes[0] = derivative(time, y)
+    for stage, weights in enumerate(STAGES, start=1):
+        slopes[stage] = derivative(time + NODES[stage] * step, y + (step * weights) @ slopes[:stage])
+    return (step * WEIGHTS) @ slopes

@@ -1,0 +1,246 @@
+"""The controller in time: what it sends never jumps, never exceeds its limits, and goes to zero when it should."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from robot_dynamics import Dynamics, Inertia, QuestionError, load_robot
+from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.law import MODES, Law, driven_joints
+
+ARM = """
+robot: two_links
+joints:
+  - {joint: shoulder, link: upper_arm, mdh: {alpha: pi/2}, mass: 3, first_moments: [0.6, 0, 0], inertia: {zz: 0.16}}
+  - {joint: elbow, link: forearm, mdh: {d: 0.4}, mass: 1, first_moments: [0.15, 0, 0], inertia: {zz: 0.03}}
+"""
+LAW = Law(Dynamics(load_robot(ARM)), ("elbow", "shoulder"))
+LIMITS = np.array([8.0, 30.0])
+MS = 1e-3
+
+
+def controller(**changes):
+    LAW.q[:] = LAW.qd[:] = 0.0
+    told = {"mode": "computed_torque", "kp": np.full(2, 100.0), "kd": np.full(2, 20.0), "limits": LIMITS, **changes}
+    return Controller(LAW, Settings(**told))
+
+
+def run(made, since, until, q=(0.3, -0.2), qd=(0.0, 0.0)):
+    """Efforts of states each ms."""
+    sent = []
+    for now in np.arange(since, until, MS):
+        LAW.q[:], LAW.qd[:] = q, qd
+        sent.append(made.step(now).copy())
+    return np.array(sent)
+
+
+def gravity():
+    return LAW.dynamics.gravity(LAW.q)[LAW.rows]
+
+
+def test_efforts_come_in_by_a_ramp_and_hold_the_robot_without_a_reference():
+    made = controller(mode="gravity_compensation")
+    sent = run(made, 0, 0.2)
+    assert np.abs(sent[0]).max() < 1e-12
+    np.testing.assert_allclose(sent[50], gravity() / 2, rtol=1e-9)
+    np.testing.assert_allclose(sent[150], gravity(), rtol=1e-12)
+    assert np.abs(np.diff(sent, axis=0)).max() < np.abs(gravity()).max() * MS / 0.1 * 1.01
+
+
+@pytest.mark.parametrize("what", ["gravity", "damp", "zero"])
+def test_a_lost_reference_is_answered_as_the_parameter_says(what):
+    made = controller(without_reference=what)
+    made.track(0.0, 0.0, [[0.2, 0.5], [0, 0], [0, 0]])
+    run(made, 0, 0.09)
+    assert made.without_reference == "" and made.doing == "computed_torque"
+    sent = run(made, 0.101, 0.3, qd=(0.5, -0.5))
+    assert "no point of the stream for more than 100 ms" in made.without_reference and made.doing.endswith(what)
+    expected = {
+        "gravity": gravity(),
+        "damp": gravity() + (LAW.dynamics.inertia_matrix(LAW.q) @ (-20 * LAW.qd))[LAW.rows],
+        "zero": np.zeros(2),
+    }
+    np.testing.assert_allclose(sent[-1], np.clip(expected[what], -LIMITS, LIMITS), atol=1e-9)
+
+
+@pytest.mark.parametrize("how", ["silence", "nan", "refused"])
+def test_without_a_state_efforts_go_to_zero_in_a_stated_time_and_zeros_are_sent_on(how):
+    made = controller(mode="gravity_compensation", ramp_time=0.05)
+    held = run(made, 0, 0.2)[-1]
+    assert made.tick(0.2) is None and made.tick(0.219) is None
+    began, sent = {"silence": 0.22, "nan": 0.2, "refused": 0.2}[how], []
+    for now in np.arange(began, began + 0.1, MS):
+        if how == "silence":
+            efforts = made.tick(now)
+        elif how == "nan":
+            LAW.q[:] = 0.3, np.nan
+            efforts = made.step(now)
+        else:
+            efforts = made.refuse(now, "a joint is missing")
+        sent.append(efforts.copy())
+    said = {"silence": "no joint_states for more than 20 ms", "nan": "'elbow' is nan", "refused": "a joint is missing"}
+    assert said[how] in made.fault
+    left = np.clip(1 - np.arange(len(sent)) * MS / 0.05, 0, 1)[:, None]
+    np.testing.assert_allclose(sent, left * held, atol=1e-6)
+    assert np.abs(sent[-1]).max() == 0
+
+
+def test_good_states_bring_efforts_back_by_a_ramp():
+    made = controller(mode="gravity_compensation")
+    run(made, 0, 0.2)
+    for now in np.arange(0.2, 0.5, MS):
+        made.refuse(now, "wrong")
+    sent = run(made, 0.5, 0.65)
+    assert made.fault == "" and np.abs(np.diff(np.vstack([[0, 0], sent]), axis=0)).max() < 0.2
+    np.testing.assert_allclose(sent[-1], gravity(), rtol=1e-9)
+
+
+def test_one_bad_state_hardly_shows_and_a_long_fault_drops_the_reference():
+    made = controller()
+    made.follow(0.0, 0.0, [0.0, 5.0], np.array([[[0, 0], [1, 1]], [[0, 0], [0, 0]], [[0, 0], [0, 0]]], dtype=float))
+    before = run(made, 0, 0.2)[-1]
+    after = made.refuse(0.2, "wrong").copy()
+    assert np.abs(after - before).max() < 0.02 * LIMITS.max()
+    run(made, 0.201, 0.3)
+    assert made.without_reference == ""
+    for now in np.arange(0.3, 0.45, MS):
+        made.refuse(now, "wrong")
+    run(made, 0.45, 0.6)
+    assert "dropped as efforts went to zero: wrong" in made.without_reference and made.doing == "no reference: damp"
+
+
+def test_a_clock_that_jumps_back_stops_all_until_a_new_reference():
+    made = controller()
+    made.follow(5.0, 5.0, [0.0, 1.0], np.zeros((3, 2, 2)))
+    run(made, 5, 5.3)
+    run(made, 1.0, 1.2)
+    assert "clock jumped back by 4.299 s" in made.fault and np.abs(made.sent).max() == 0
+    run(made, 1.2, 2.0)
+    assert made.fault
+    made.follow(2.0, 2.0, [0.0, 1.0], np.zeros((3, 2, 2)))
+    run(made, 2.0, 2.2)
+    assert made.fault == "" and np.abs(made.sent).max() > 1
+
+
+def test_late_answers_in_a_row_are_a_fault_until_one_is_in_time():
+    made = controller(mode="gravity_compensation", deadline_misses=3)
+    for k, latency in enumerate([0.006, 0.006, 0.001, 0.006, 0.006, 0.006]):
+        assert made.fault == ""
+        run(made, k * MS, k * MS + MS / 2)
+        made.watchdog.answered(latency)
+    run(made, 6 * MS, 6.5 * MS)
+    assert "last 3 states were answered later than 5 ms" in made.fault
+    made.watchdog.answered(0.001)
+    run(made, 7 * MS, 7.5 * MS)
+    assert made.fault == ""
+
+
+def test_modes_and_gains_change_without_a_jump():
+    made = controller(mode="gravity_compensation", limits=np.full(2, np.inf))
+    made.follow(0.0, 0.0, [0.0, 1.0], np.zeros((3, 2, 2)))
+    sent = [run(made, 0, 0.2)]
+    for k, mode in enumerate([*MODES[1:], MODES[0]], start=1):
+        made.apply(Settings(mode, np.full(2, 100.0 * k), np.full(2, 20.0 * k), np.full(2, np.inf)))
+        sent.append(run(made, 0.2 * k, 0.2 * k + 0.2))
+    levels = np.array([part[-1] for part in sent])
+    steps = np.abs(np.diff(np.concatenate(sent), axis=0)).max(axis=0)
+    jumps = np.abs(np.diff(levels, axis=0)).max(axis=0)
+    assert (jumps > 0.5).all() and (steps < 0.011 * np.maximum(jumps, levels[0])).all()
+
+
+def test_another_payload_is_taken_over_without_a_jump():
+    made = controller(mode="gravity_compensation", limits=np.full(2, np.inf))
+    empty = run(made, 0, 0.2)[-1]
+    loaded = Dynamics(LAW.dynamics.robot.with_payload("forearm", Inertia(2.0, [0.6, 0, 0])))
+    made.exchange(Law(loaded, LAW.joints))
+    np.testing.assert_array_equal(made.law.q, LAW.q)
+    sent = np.array([made.step(now).copy() for now in np.arange(0.2, 0.4, MS)])
+    expected = loaded.gravity(LAW.q)[LAW.rows]
+    np.testing.assert_allclose(sent[-1], expected, rtol=1e-9)
+    assert np.abs(expected - empty).min() > 5
+    assert np.abs(np.diff(np.vstack([empty, sent]), axis=0)).max() < 0.0101 * np.abs(expected - empty).max()
+
+
+@pytest.mark.parametrize("robot", ["irb460", "sr400"])
+def test_loops_are_closed_from_where_they_were_when_the_robot_is_another(robot):
+    dynamics = Dynamics(load_robot(robot))
+    law = Law(dynamics, driven_joints(dynamics))
+    made = Controller(law, Settings("gravity_compensation", np.ones(1), np.ones(1), np.full(len(law.joints), np.inf)))
+    start = dynamics.closed_positions[[dynamics.all_joint_names.index(name) for name in dynamics.joint_names]]
+    for k in range(200):
+        law.q[:] = start + 0.0005 * k * np.resize([1, -1], len(start))
+        efforts = made.step(k * MS).copy()
+    assert made.fault == ""
+    made.exchange(Law(Dynamics(load_robot(robot)), law.joints))
+    np.testing.assert_array_equal(made.law._all, law._all)
+    np.testing.assert_allclose(made.step(0.2), efforts, rtol=1e-9, atol=1e-9)
+
+
+def test_a_trajectory_that_begins_later_is_reached_from_where_the_robot_is():
+    made = controller()
+    with pytest.raises(QuestionError, match="no state yet"):
+        made.follow(0.0, 0.0, [1.0], np.ones((3, 1, 2)) * [[[1.0]], [[0]], [[0]]])
+    run(made, 0, 0.1, q=(0.3, -0.2), qd=(0.1, 0.0))
+    points = np.full((3, 1, 2), np.nan)
+    points[0], points[1] = 1.0, 0.0
+    made.follow(0.1, 0.1, [1.0], points)
+    run(made, 0.1, 0.102)
+    np.testing.assert_allclose(made.reference[0], [-0.2, 0.3], atol=1e-3)
+    np.testing.assert_allclose(made.reference[1], [0.0, 0.1], atol=1e-2)
+    run(made, 1.2, 1.3)
+    np.testing.assert_array_equal(made.reference, [[1, 1], [0, 0], [0, 0]])
+    with pytest.raises(QuestionError, match=r"ended 0.300 s ago"):
+        made.follow(1.3, 0.0, [0.0, 1.0], np.zeros((3, 2, 2)))
+    with pytest.raises(QuestionError, match=r"0.500 s old"):
+        made.track(1.5, 1.0, np.zeros((3, 2)))
+    assert made.without_reference == ""
+    made.follow(1.3, 1.3, [], np.zeros((3, 0, 2)))
+    assert made.without_reference == "the reference was ended"
+
+
+NUMBERS = st.one_of(st.floats(-3, 3), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e12]))
+EVENTS = st.one_of(
+    st.tuples(st.just("step"), st.lists(NUMBERS, min_size=4, max_size=4)),
+    st.tuples(st.just("tick"), st.floats(0, 0.2)),
+    st.tuples(st.just("refuse"), st.just(0.0)),
+    st.tuples(st.just("back"), st.floats(0, 3)),
+    st.tuples(st.just("mode"), st.sampled_from(MODES)),
+    st.tuples(st.just("gains"), st.floats(0, 1e9)),
+    st.tuples(st.just("track"), st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=6)),
+    st.tuples(st.just("follow"), st.floats(-1, 2)),
+)
+
+
+@settings(max_examples=100)
+@given(st.lists(EVENTS, max_size=60))
+def test_whatever_happens_efforts_are_finite_and_within_their_limits(events):
+    made, now = controller(), 10.0
+    settings = made.settings
+    for kind, value in events:
+        now += MS
+        efforts = made.sent
+        if kind == "step":
+            LAW.q[:], LAW.qd[:] = value[:2], value[2:]
+            efforts = made.step(now)
+        elif kind == "tick":
+            now += value
+            efforts = made.tick(now)
+        elif kind == "refuse":
+            efforts = made.refuse(now, "wrong")
+        elif kind == "back":
+            now -= value
+        elif kind in ("mode", "gains"):
+            told = {"mode": value} if kind == "mode" else {"kp": np.full(2, value)}
+            settings = Settings(**{**vars(settings), **told})
+            made.apply(settings)
+        else:
+            try:
+                if kind == "track":
+                    made.track(now, now, np.reshape(value, (3, 2)))
+                else:
+                    made.follow(now, now + value, [0.0, 0.5], np.zeros((3, 2, 2)))
+            except QuestionError:
+                continue
+        if efforts is not None:
+            assert np.isfinite(efforts).all() and (np.abs(efforts) <= LIMITS).all()

@@ -1,0 +1,258 @@
+"""computed_torque in a process of its own: efforts by name and in order, references, parameters, its life cycle."""
+
+import time
+
+import numpy as np
+import pytest
+from lifecycle_msgs.msg import Transition
+from nav_msgs.msg import Odometry
+from nodes.stand import PANDA, Q, Stand, trajectory
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics import Base, Dynamics, Inertia, load_robot
+from robot_dynamics.nodes.computed_torque import ComputedTorque
+from robot_dynamics.nodes.messages import write_twist
+
+LIBRARY = Dynamics(load_robot("panda"), compiled=False)
+LIMITS = np.array([87.0] * 4 + [12.0] * 3)
+QUIET = {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.2}  # a busy machine is no fault here
+
+
+@pytest.fixture
+def stand(start_server, caller):
+    made = []
+
+    def start(parameters=None, namespace=None):
+        target = start_server({**QUIET, **(parameters or {})}, namespace, executable="computed_torque")
+        made.append(Stand(target, caller))
+        return made[-1]
+
+    yield start
+    for one in made:
+        one.close()
+
+
+def last(stand):
+    return stand.commands[-1][1]
+
+
+def test_efforts_hold_the_robot_in_the_order_of_the_joints_and_by_name(stand):
+    order = [6, 0, 3, 1, 2, 5, 4]
+    made = stand({"mode": "gravity_compensation", "joints": [PANDA[k] for k in order]})
+    made.connect(q=Q[::-1], names=PANDA[::-1])
+    expected = LIBRARY.gravity(Q)
+    np.testing.assert_allclose(last(made), expected[order], atol=1e-9)
+    assert list(made.efforts[-1].name) == [PANDA[k] for k in order]
+    np.testing.assert_allclose(made.efforts[-1].effort, expected[order], atol=1e-9)
+    # names that change, and joints of other robots beside
+    other = Q + 0.1
+    settled = lambda: np.abs(last(made) - LIBRARY.gravity(other)[order]).max() < 1e-9  # noqa: E731
+    made.stream_until(settled, "efforts of the other pose", q=[9.0, *other], names=["other_joint", *PANDA])
+    # nobody needs velocities to hold a robot
+    made.stream_until(lambda: np.abs(last(made) - expected[order]).max() < 1e-9, "without velocities", qd=[])
+    made.stream_until(lambda: made.states, "~/state")
+    assert list(made.states[-1].joint_names) == [PANDA[k] for k in order] and len(made.states[-1].points) == 4
+
+
+def test_a_trajectory_is_followed_by_its_time_stamps_and_held_at_its_end(stand):
+    made = stand({"kp": [100.0], "kd": [20.0]})
+    made.connect()
+    goal, order = Q + 0.2, [3, 1, 2, 0, 6, 5, 4]
+    rest = np.zeros((2, 7))
+    sent = trajectory([PANDA[k] for k in order], [0.0, 1.0], [Q[order], goal[order]], rest, rest)
+    made.reference.publish(sent)
+    began = time.time()
+    made.stream_until(lambda: time.time() > began + 1.5, "the end")
+    # the robot stands still all the while, so that efforts tell what was wanted when
+    reached = LIBRARY.inverse(Q, np.zeros(7), 100 * (goal - Q))
+    np.testing.assert_allclose(last(made), np.clip(reached, -LIMITS, LIMITS), atol=1e-9)
+    wanted, feedback, error, output = made.states[-1].points
+    np.testing.assert_allclose(wanted.positions, goal, atol=1e-12)
+    np.testing.assert_allclose(feedback.positions, Q, atol=1e-12)
+    np.testing.assert_allclose(error.positions, goal - Q, atol=1e-12)
+    assert len(output.effort) == 7
+    for state in made.states:
+        if len(state.points[0].positions):
+            at = state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 - began
+            s = np.clip(at, 0, 1)
+            expected = Q + (goal - Q) * (10 * s**3 - 15 * s**4 + 6 * s**5)
+            # by some ms: a message travels, and the state is older than the message that tells of it
+            assert np.abs(np.array(state.points[0].positions) - expected).max() < 0.2 * 1.9 * 0.1
+
+
+def test_single_points_are_followed_while_they_come(stand):
+    made = stand({"reference_timeout": 0.3, "without_reference": "gravity", "mode": "feedforward"})
+    made.connect()
+    held, a = last(made), np.linspace(-1, 1, 7)
+    point = trajectory(PANDA, [0.0], [Q], [np.zeros(7)], [a])
+    wanted = LIBRARY.inverse(Q, np.zeros(7), a)
+    seen = []
+
+    def followed():
+        made.point.publish(point)
+        seen.append(np.abs(last(made) - wanted).max())
+        return min(seen) < 0.6  # the point goes on with its acceleration until the next one
+
+    made.stream_until(followed, "efforts of the point")
+    made.stream_until(lambda: made.says("no point of the stream for more than 300 ms"), "the loss")
+    made.stream_until(lambda: np.abs(last(made) - held).max() < 1e-9, "gravity")
+
+
+def test_references_that_do_not_fit_are_refused_with_a_reason(stand):
+    made = stand()
+    made.connect()
+    two, rest = [0.0, 1.0], np.zeros((2, 7))
+    with_effort = trajectory(PANDA, two, [Q, Q])
+    with_effort.points[1].effort = [1.0] * 7
+    uneven = trajectory(PANDA, two, [Q, Q], rest)
+    uneven.points[1].velocities = [0.0] * 6
+    for message, said in (
+        (trajectory(PANDA[:6], two, [Q[:6]] * 2), "joints missing: 'panda_joint7'"),
+        (trajectory([*PANDA[:6], "panda_joint8"], two, [Q, Q]), "unknown joint 'panda_joint8'"),
+        (trajectory(PANDA, [1.0, 0.5], [Q, Q]), "points[1].time_from_start is not after"),
+        (trajectory(PANDA, two, [Q, np.full(7, np.nan)]), "points[1].positions is not finite"),
+        (trajectory(PANDA, two, [Q, Q], rest + 1), "points[1].velocities[0] is 1: a trajectory ends"),
+        (trajectory(PANDA, two, [Q, Q], start=10**9), "the trajectory ended"),
+        (with_effort, "points[1].effort has values"),
+        (uneven, "points[1].velocities has 6 values: 7 are needed"),
+    ):
+        made.reference.publish(message)
+        made.stream_until(lambda said=said: made.says(f"reference refused: {said}"), said)
+    made.point.publish(trajectory(PANDA, two, [Q, Q]))
+    made.stream_until(lambda: made.says("reference_point refused: 2 points came"), "two points")
+    np.testing.assert_allclose(last(made), LIBRARY.gravity(Q), atol=1e-9)
+
+
+def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
+    made = stand({"kp": 50, "kd": [10.0] * 7})
+    made.connect()
+    goal = Q + 0.05
+    made.reference.publish(trajectory(PANDA, [0.0, 0.1], [Q, goal]))
+    e = goal - Q
+
+    def comes_to(expected, what):
+        made.stream_until(lambda: np.abs(last(made) - np.clip(expected, -LIMITS, LIMITS)).max() < 1e-9, what)
+
+    comes_to(LIBRARY.inverse(Q, np.zeros(7), 50 * e), "computed torque")
+    for changes, expected in (
+        ({"mode": "feedforward"}, LIBRARY.gravity(goal)),
+        ({"mode": "pd_gravity", "kp": [80.0]}, LIBRARY.inverse(Q, np.zeros(7), 80 * e)),
+        ({"mode": "gravity_compensation"}, LIBRARY.gravity(Q)),
+        ({"effort_limits": [9.0] * 7}, np.clip(LIBRARY.gravity(Q), -9, 9)),
+    ):
+        count = len(made.commands)
+        assert made.set_parameters(**changes).successful
+        comes_to(expected, str(changes))
+        steps = np.abs(np.diff([efforts for _, efforts in made.commands[count:]], axis=0)).max()
+        assert "effort_limits" in changes or steps < 20, "a jump"
+    made.stream_until(lambda: made.says("at its limit: panda_joint2"), "saturation")
+    assert made.set_parameters(effort_limits=[80.0] * 7).successful
+    payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
+    assert made.caller.set_parameters(made.target, payload).successful
+    loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2]))
+    comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
+
+
+def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
+    made = stand()
+    made.connect()
+    for change, said in (
+        ({"mode": "computed_torqe"}, "did you mean 'computed_torque'"),
+        ({"mode": 3}, "a text is needed"),
+        ({"kp": [1.0, 2.0]}, "kp has 2 values: 7 are needed"),
+        ({"kp": [-1.0]}, "zero or more"),
+        ({"kd": float("nan")}, "zero or more"),
+        ({"effort_limits": [1.0]}, "effort_limits has 1 values: 7 are needed"),
+        ({"without_reference": "hold"}, "known are gravity, damp, zero"),
+        ({"state_timeout": 0.0}, "0.0001 or more"),
+        ({"ramp_time": float("inf")}, "0 or more"),
+        ({"deadline_misses": 0}, "a whole number from 1 on"),
+        ({"joints": PANDA}, "clean it up before"),
+        ({"robot_file": "ur5e"}, "deactivate the node"),
+        ({"payload.link": "hand"}, "unknown link 'hand'"),
+    ):
+        result = made.set_parameters(**change)
+        assert not result.successful and said in result.reason, (change, result.reason)
+    made.stream(0.1)
+    np.testing.assert_allclose(last(made), LIBRARY.gravity(Q), atol=1e-9)
+
+
+def test_a_base_that_flies_is_told_by_odom(stand):
+    made = stand({"robot_file": "free_flying_arm", "gravity": [0.0, 0.0, -9.81]})
+    library = Dynamics(load_robot("free_flying_arm", gravity=(0, 0, -9.81)), compiled=False)
+    q, qd, twist = np.linspace(-0.5, 0.5, 6), np.linspace(0.2, -0.2, 6), np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
+    state = {"q": q, "qd": qd, "names": library.joint_names}
+    made.stream_until(lambda: made.says("no odom yet, and the base of the robot moves"), "the cause", **state)
+    turned = Rotation.from_rotvec([0.3, -0.2, 0.5])
+    pose = np.eye(4)
+    pose[:3, :3] = turned.as_matrix()
+    expected = library.solve(q, np.zeros(6), qdd=-20 * qd, base=Base(pose, twist)).efforts
+    odom = Odometry(child_frame_id=library.robot.base_link)
+    x, y, z, odom.pose.pose.orientation.w = turned.as_quat()
+    odom.pose.pose.orientation.x, odom.pose.pose.orientation.y, odom.pose.pose.orientation.z = x, y, z
+    odom.twist.twist = write_twist(twist)
+
+    def held():
+        made.odom.publish(odom)
+        return np.abs(last(made) - expected).max() < 1e-9
+
+    made.stream_until(held, "efforts", **state)
+    made.stream_until(lambda: made.says("efforts go to zero: no odom for more than 200 ms"), "the loss", **state)
+    odom.child_frame_id = "base_footprint"
+    refused = lambda: made.odom.publish(odom) or made.says("odom refused: unknown base link 'base_foot")  # noqa: E731
+    made.stream_until(refused, "the refusal", **state)
+
+
+def test_its_life_cycle_begins_and_ends_with_zeros(stand):
+    made = stand({"autostart": False, "mode": "gravity_compensation"})
+    assert not made.change_state(Transition.TRANSITION_ACTIVATE)
+    assert made.change_state(Transition.TRANSITION_CONFIGURE)
+    made.stream(0.3)
+    assert not made.commands
+    assert made.change_state(Transition.TRANSITION_ACTIVATE)
+    made.connect()
+    assert np.abs(made.commands[0][1]).max() == 0
+    assert made.change_state(Transition.TRANSITION_DEACTIVATE)
+    made.wait_until(lambda: np.abs(last(made)).max() == 0, "zeros")
+    count = len(made.commands)
+    made.stream(0.2)
+    assert len(made.commands) == count
+    assert made.set_parameters(robot_file="ur5e").successful
+    assert made.change_state(Transition.TRANSITION_CLEANUP) and made.change_state(Transition.TRANSITION_CONFIGURE)
+    assert made.change_state(Transition.TRANSITION_ACTIVATE)
+    ur5e = Dynamics(load_robot("ur5e"), compiled=False)
+    made.connect(q=Q[:6], names=ur5e.joint_names)
+    np.testing.assert_allclose(last(made), ur5e.gravity(Q[:6]), atol=1e-9)
+
+
+def test_two_robots_stand_side_by_side_in_one_process_and_topics_are_remapped(ros, caller):
+    nodes, stands, executor = [], [], SingleThreadedExecutor()
+    robots = {"/left": "panda", "/right": "ur5e"}
+    try:
+        for namespace, robot in robots.items():
+            told = {**QUIET, "robot_file": robot, "mode": "gravity_compensation"}
+            overrides = [Parameter(name, value=value) for name, value in told.items()]
+            arguments = ["--ros-args", "-r", f"__ns:={namespace}", "-r", "joint_states:=encoders"]
+            nodes.append(ComputedTorque(parameter_overrides=overrides, cli_args=arguments))
+            executor.add_node(nodes[-1])
+            stands.append(Stand(f"{namespace}/computed_torque", caller, states="encoders"))
+        libraries = [Dynamics(load_robot(robot), compiled=False) for robot in robots.values()]
+        expected = [library.gravity(Q[: len(library.joint_names)]) for library in libraries]
+        until = time.monotonic() + 20
+        while any(
+            not one.commands or np.abs(last(one) - efforts).max() > 1e-9
+            for one, efforts in zip(stands, expected, strict=True)
+        ):
+            assert time.monotonic() < until, [one.diagnostics[-1:] for one in stands]
+            for one, library in zip(stands, libraries, strict=True):
+                one.publish(q=Q[: len(library.joint_names)], names=library.joint_names)
+            for _ in range(8):
+                executor.spin_once(timeout_sec=0.001)
+    finally:
+        for one in stands:
+            one.close()
+        executor.shutdown()
+        for node in nodes:
+            node.destroy_node()

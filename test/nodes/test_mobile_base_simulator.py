@@ -1,0 +1,247 @@
+"""mobile_base_simulator over real topics: it moves as the library does, and survives what it is told."""
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
+from peers.wheeled_robots import DifferentialDrive
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
+
+from robot_dynamics import Base, load_robot
+from robot_dynamics.nodes.simulator_outputs import joint_states
+from robot_dynamics.simulation import Simulation
+
+from .questions import point
+from .simulated import Simulated, seconds
+
+EFFORTS = np.array([5.0, -3.0, 2.0, 0.3, -0.2, 0.01])
+TWIST = [0.1, -0.2, 0.05, 0.02, 0.1, -0.05]
+QUIET = {"start_paused": True, "command_timeout": 5.0}
+
+
+@pytest.fixture
+def start(start_server, caller):
+    def started(**parameters):
+        name = start_server(parameters, executable="mobile_base_simulator")
+        return Simulated(name, caller, stamped=parameters.get("stamped_cmd_vel", False))
+
+    return started
+
+
+def wrench_on(link, values):
+    message = WrenchStamped()
+    message.header.frame_id = link
+    message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = map(float, values[:3])
+    message.wrench.torque.x, message.wrench.torque.y, message.wrench.torque.z = map(float, values[3:])
+    return message
+
+
+def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
+    joints = [f"arm_{name}_joint" for name in ("elbow", "shoulder_lift")]
+    node = start(
+        robot_file="free_flying_arm",
+        **QUIET,
+        **{"initial.joints": joints, "initial.positions": [1.2, -1.0], "initial.twist": TWIST, "odom_rate": 1000.0},
+    )
+    library = Simulation(load_robot("free_flying_arm"))
+    q = [{"arm_elbow_joint": 1.2, "arm_shoulder_lift_joint": -1.0}.get(name, 0.0) for name in library.joint_names]
+    library.start(q, base=Base(twist=TWIST))
+    for _ in range(10):  # a reader may hear nothing of a writer that has already found it
+        node.command(EFFORTS)
+        node.caller.spin(0.1)
+    last = node.steps(10)
+    state = library.advance(10, efforts=EFFORTS)
+    assert list(last.name) == list(library.joint_names)
+    np.testing.assert_array_equal(last.position, state.positions)
+    np.testing.assert_array_equal(last.velocity, state.velocities)
+    np.testing.assert_array_equal(last.effort, EFFORTS)
+    assert seconds(last.header.stamp) == pytest.approx(0.010, abs=1e-9)
+    odom = node.odom[-1]
+    assert (odom.header.frame_id, odom.child_frame_id) == ("odom", library.robot.base_link)
+    p, o, t = odom.pose.pose.position, odom.pose.pose.orientation, odom.twist.twist
+    np.testing.assert_array_equal([p.x, p.y, p.z], state.pose[:3, 3])
+    np.testing.assert_allclose(Rotation.from_quat([o.x, o.y, o.z, o.w]).as_matrix(), state.pose[:3, :3], atol=1e-15)
+    found = [t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z]
+    np.testing.assert_array_equal(found, state.twist)
+    a = node.accelerations[-1].accel.linear
+    np.testing.assert_allclose([a.x, a.y, a.z], library.accelerations(efforts=EFFORTS)[0][:3], rtol=1e-12)
+
+    assert node.ask("reset").success
+    node.wait_until(lambda: node.joint_states[-1].position.tolist() == q, "the state as it began")
+    stamp = seconds(node.joint_states[-1].header.stamp)
+    assert stamp == pytest.approx(0.010, abs=1e-9)  # the clock goes on
+    node.command(EFFORTS)
+    node.caller.spin(0.3)
+    again = node.steps(10)
+    np.testing.assert_array_equal(again.position, state.positions)
+    np.testing.assert_array_equal(again.velocity, state.velocities)
+
+    # a wrench on a link too, and efforts by name
+    node.publish("external_wrench", wrench_on("arm_tool0", [3, 2, 1, 0.3, 0.2, 0.1]))
+    node.publish("effort", JointState(name=["arm_elbow_joint"], effort=[1.5]))
+    node.caller.spin(0.3)
+    efforts = EFFORTS.copy()
+    efforts[library.joint_names.index("arm_elbow_joint")] = 1.5
+    last = node.steps(5)
+    state = library.advance(5, efforts=efforts, external_wrenches={"arm_tool0": [3, 2, 1, 0.3, 0.2, 0.1]})
+    np.testing.assert_allclose(last.velocity, state.velocities, rtol=1e-13)
+
+
+def test_bad_messages_are_refused_and_said_and_commands_that_stop_are_zero(start):
+    node = start(robot_file="ur5e", command_timeout=0.1, real_time_factor=0.5)
+    node.wait_until(lambda: len(node.joint_states) > 50, "states")
+    for topic, message, reason in (
+        ("effort", JointState(name=["elbow_joint"], effort=[np.nan]), r"effort[0] is nan"),
+        ("effort", JointState(name=["elbow"], effort=[1.0]), "unknown joint 'elbow'"),
+        ("effort", JointState(name=["elbow_joint"], effort=[]), "0 efforts for 1 names"),
+        ("external_wrench", wrench_on("hand", [0] * 6), "unknown link 'hand'"),
+        ("external_wrench", wrench_on("tool0", [np.inf] * 6), "finite numbers are needed"),
+        (f"{node.name.rpartition('/')[0]}/cmd_vel", Twist(), "this one is fixed"),
+    ):
+        node.publish(topic, message)
+        node.wait_until(lambda reason=reason: node.says(reason), reason)
+    node.command([1.0, 2.0])
+    node.wait_until(lambda: node.says("commands has 2 values: 6 are needed"), "a refusal")
+    assert all(np.all(np.array(state.effort) == 0) for state in node.joint_states)
+    for _ in range(30):
+        node.command([0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
+        node.caller.spin(0.02)
+    assert node.joint_states[-1].effort[4] == 0.5
+    pushed = seconds(node.joint_states[-1].header.stamp)
+    node.wait_until(lambda: node.joint_states[-1].effort[4] == 0, "efforts of zero")
+    stopped = next(s for s in node.joint_states if seconds(s.header.stamp) > pushed and s.effort[4] == 0)
+    assert seconds(stopped.header.stamp) - pushed < 0.2
+    node.wait_until(lambda: node.says("commands stopped"), "diagnostics")
+
+
+def test_wheels_are_driven_by_cmd_vel_and_stop_when_it_does(start):
+    node = start(
+        robot_description=DifferentialDrive.urdf,
+        **{"wheels.joints": ["left", "right"], "wheels.radii": [0.1, 0.1], "real_time_factor": 1.0},
+        **{"noise.position": 1e-3, "seed": 7},
+    )
+    command = Twist()
+    command.linear.x, command.angular.z = 0.5, 0.8
+    topic = f"{node.name.rpartition('/')[0]}/cmd_vel"
+
+    def driven():
+        node.publish(topic, command)
+        return node.odom and abs(node.odom[-1].twist.twist.angular.z - 0.8) < 1e-3
+
+    node.wait_until(driven, "the twist that was commanded")
+    twist = node.odom[-1].twist.twist
+    assert twist.linear.x == pytest.approx(0.5, abs=1e-3) and abs(twist.linear.y) < 1e-12
+    node.wait_until(lambda: abs(node.odom[-1].twist.twist.linear.x) < 1e-3, "rest")
+    assert np.hypot(node.odom[-1].pose.pose.position.x, node.odom[-1].pose.pose.position.y) > 0.01
+
+
+def test_joints_that_are_told_move_the_base_by_reaction(start):
+    node = start(robot_file="free_flying_arm", moved_by="reference", gravity=[0.0, 0.0, 0.0], odom_rate=1000.0)
+    library = Simulation(load_robot("free_flying_arm", gravity=[0, 0, 0]))
+    goal = np.array([1.0, -1.0, 1.2, 0.5, 0.3, -0.4])
+    message = JointTrajectory(joint_names=list(library.joint_names))
+    message.points = [point(0, positions=goal, velocities=np.zeros(6), accelerations=np.zeros(6))]
+    message.points[0].time_from_start.sec = 1
+    node.publish("reference", message)
+    node.wait_until(lambda: node.odom and np.allclose(node.joint_states[-1].position, goal, atol=1e-12), "the goal")
+
+    def motion(time):
+        s = min(time, 1.0)
+        return (
+            goal * (10 * s**3 - 15 * s**4 + 6 * s**5),
+            goal * (30 * s**2 - 60 * s**3 + 30 * s**4),
+            goal * (60 * s - 180 * s**2 + 120 * s**3) * (s < 1),
+        )
+
+    state = library.advance(1000, motion=motion)  # which is held against conservation of momentum elsewhere
+    node.caller.spin(0.1)
+    p = node.odom[-1].pose.pose.position
+    assert np.linalg.norm(state.pose[:3, 3]) > 1e-4
+    np.testing.assert_allclose([p.x, p.y, p.z], state.pose[:3, 3], atol=1e-9)
+
+
+def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
+    node = start(robot_file="ur5e", real_time_factor=0.1)
+    node.wait_until(lambda: len(node.clock) > 5, "a clock")
+
+    def rate():
+        node.caller.spin(0.2)
+        begun, state = node.caller.node.get_clock().now().nanoseconds, node.clock[-1]
+        node.caller.spin(1.0)
+        return (seconds(node.clock[-1].clock) - seconds(state.clock)) / (
+            (node.caller.node.get_clock().now().nanoseconds - begun) * 1e-9
+        )
+
+    assert rate() == pytest.approx(0.1, rel=0.3)
+    assert node.caller.set_parameters(node.name, {"real_time_factor": 0.02}).successful
+    assert rate() == pytest.approx(0.02, rel=0.3)
+    for values, reason in (
+        ({"step": -1.0}, "more than 0"),
+        ({"real_time_factor": "fast"}, "a number is needed"),
+        ({"wheels.joints": ["wheel"], "wheels.radii": [0.1]}, "unknown joint 'wheel'"),
+        ({"wheels.joints": ["wheel"]}, "0 values and wheels.joints 1"),
+        ({"ground.points": ["foot"]}, "unknown link 'foot'"),
+        ({"base_motion": "rolling"}, "fixed, free, planar"),
+        ({"initial.pose": [0.0] * 7}, "quaternion of norm 0"),
+        ({"stamped_cmd_vel": True}, "when the node begins"),
+        ({"seed": -1}, "from 0 on"),
+        ({"moved_by": "magic"}, "efforts or reference"),
+    ):
+        refused = node.caller.set_parameters(node.name, values)
+        assert not refused.successful and reason in refused.reason, refused
+    assert node.pause(True).success
+    node.caller.spin(0.2)
+    stood = node.clock[-1]
+    node.caller.spin(0.2)
+    assert seconds(node.clock[-1].clock) == seconds(stood.clock) and node.clock[-1] is not stood  # told again
+    assert not node.pause(False).message.startswith("paused")
+
+
+def test_each_step_waits_for_efforts_where_it_is_told_to(start):
+    node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
+    node.wait_until(lambda: len(node.joint_states) > 5, "the same state again and again")
+    assert {seconds(state.header.stamp) for state in node.joint_states} == {0.0}
+    node.wait_until(lambda: node.says(f"until the first efforts come on {node.name}/commands"), "what it waits for")
+    library = Simulation(load_robot("ur5e"))
+    for k in range(1, 11):
+        node.command(EFFORTS * k)
+        node.wait_until(lambda k=k: seconds(node.joint_states[-1].header.stamp) > (k - 0.5) * 1e-3, f"step {k}")
+        state = library.advance(1, efforts=EFFORTS * k)
+    node.caller.spin(0.2)
+    assert seconds(node.joint_states[-1].header.stamp) == pytest.approx(0.010)
+    np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
+
+
+def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
+    node = start(robot_file="ur5e", base_motion="planar", publish_clock=False, stamped_cmd_vel=True, step=0.005)
+    command = TwistStamped()
+    command.twist.linear.y = 0.3
+
+    def driven():
+        node.publish(f"{node.name.rpartition('/')[0]}/cmd_vel", command)
+        return node.odom and abs(node.odom[-1].twist.twist.linear.y - 0.3) < 1e-3
+
+    node.wait_until(driven, "the twist that was commanded")
+    now = node.caller.node.get_clock().now().nanoseconds * 1e-9
+    assert abs(seconds(node.joint_states[-1].header.stamp) - now) < 5
+    assert not node.clock
+
+
+def test_noise_is_that_of_its_seed():
+    simulation, stamp = Simulation(load_robot("ur5e")), Time()
+    heard = [
+        joint_states(simulation, EFFORTS, (1e-3, 2e-3, np.random.default_rng(seed)), stamp).position
+        for seed in (7, 7, 8)
+    ]
+    assert heard[0] == heard[1] != heard[2] and 1e-5 < np.std(heard[0]) < 5e-3
+
+
+def test_what_diverges_stops_is_said_and_begins_anew(start):
+    node = start(robot_file="ur5e", step=0.01, **{"initial.joints": ["elbow_joint"], "initial.velocities": [4000.0]},
+                 **{"initial.positions": [0.1]})  # fmt: skip
+    node.wait_until(lambda: node.says("step is too long"), "what is wrong")
+    assert node.caller.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
+    heard = len(node.joint_states)
+    node.wait_until(lambda: len(node.joint_states) > heard + 10, "states again")

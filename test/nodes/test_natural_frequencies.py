@@ -1,0 +1,51 @@
+"""Natural frequencies over real services: those of the paper, and refusals that leave the node alive."""
+
+import numpy as np
+import pytest
+from nodes.questions import ask, call
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.natural_frequencies import Elastodynamics
+from robot_dynamics_interfaces.srv import NaturalFrequencies
+
+
+@pytest.fixture(scope="module")
+def server(start_module_server):
+    return start_module_server({"robot_file": "navaro"})
+
+
+def at(x, y, **others):
+    request = NaturalFrequencies.Request(**others)
+    request.platform.position.x, request.platform.position.y = x, y
+    return request
+
+
+def test_the_paper_s_pose_d(caller, server):
+    answer = ask(caller, server, at(0.0, -0.21, count=5))
+    np.testing.assert_allclose(answer.frequencies, [40.17, 50.32, 52.99, 67.36, 91.52], atol=0.01)
+    assert len(answer.coordinates) == 144
+    assert len(answer.mode_shapes) == 5 * 144
+    assert len(ask(caller, server, at(0.0, 0.0)).frequencies) == 90
+
+
+def test_a_pose_by_joints(caller, server):
+    dynamics = Dynamics(load_robot("navaro"), compiled=False)
+    q = dynamics.closed_positions
+    request = NaturalFrequencies.Request(joint_names=dynamics.all_joint_names, positions=q.tolist())
+    expected = dynamics.elastodynamics.frequencies(q)
+    np.testing.assert_allclose(ask(caller, server, request).frequencies, expected, rtol=1e-8)
+    request.held = ["crank_1", "crank_2", "crank_3", "arm_1", "arm_2"]
+    expected = Elastodynamics(dynamics, list(request.held)).frequencies(q)
+    np.testing.assert_allclose(ask(caller, server, request).frequencies[1:], expected[1:], rtol=1e-7)
+
+
+def test_refusals(caller, server):
+    assert "does not close" in call(caller, server, at(0.6, 0.0)).message
+    assert "platform.position is not finite" in call(caller, server, at(np.nan, 0.0)).message
+    request = at(0.0, 0.0)
+    request.platform.orientation.w = 0.0
+    assert "platform.orientation has norm 0" in call(caller, server, request).message
+    assert "unknown joint 'nobody'" in call(caller, server, at(0.0, 0.0, held=["nobody"])).message
+    request = NaturalFrequencies.Request(joint_names=["crank_1"], positions=[0.0, 1.0])
+    assert not call(caller, server, request).success
+    ask(caller, server, at(0.0, 0.0, count=1))

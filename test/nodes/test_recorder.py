@@ -1,0 +1,32 @@
+"""What a Recorder writes is what was published, in a bag that others read."""
+
+import numpy as np
+from rosbags.highlevel import AnyReader
+from sensor_msgs.msg import JointState
+
+from robot_dynamics.nodes.recorder import Recorder
+
+
+def test_messages_are_in_the_bag_as_they_were_published(caller, tmp_path):
+    path, stamps = tmp_path / "bag", iter(range(1_000, 10_000))
+    publisher = caller.node.create_publisher(JointState, "recorded", 100)
+    sent = [JointState(name=["a", "b"], position=[float(k), -k / 3]) for k in range(20)]
+    with Recorder(caller.node, path, {"/recorded": JointState}, lambda: next(stamps)) as recorder:
+        for _ in range(200):
+            if publisher.get_subscription_count():
+                break
+            caller.spin(0.02)
+        for message in sent:
+            publisher.publish(message)
+        for _ in range(200):
+            if recorder.count == len(sent):
+                break
+            caller.spin(0.02)
+    assert sorted(file.suffix for file in path.iterdir()) == [".mcap", ".yaml"]
+    with AnyReader([path]) as reader:
+        found = [(c.topic, c.msgtype, time, reader.deserialize(data, c.msgtype)) for c, time, data in reader.messages()]
+    assert [time for _, _, time, _ in found] == list(range(1_000, 1_020))
+    for (topic, kind, _, message), told in zip(found, sent, strict=True):
+        assert (topic, kind) == ("/recorded", "sensor_msgs/msg/JointState")
+        assert message.name == list(told.name)
+        np.testing.assert_array_equal(message.position, told.position)

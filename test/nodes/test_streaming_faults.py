@@ -1,0 +1,236 @@
+"""Faults on real processes while efforts stream: they go to zero in time, never exceed limits, and come back.
+
+Times are those of the stamps that the node puts on its efforts and the publisher on its states: how long a message
+takes to this process is not what is asked.
+"""
+
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import peers
+import pytest
+from nodes.stand import PANDA, Q, Stand, to_time, trajectory
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.running import running_node
+
+PUBLISHER = Path(peers.__file__).with_name("state_publisher.py")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+GRAVITY = Dynamics(load_robot("panda"), compiled=False).gravity(Q)
+LIMITS = np.array([30.0] * 4 + [10.0] * 3)
+HELD = np.clip(GRAVITY, -LIMITS, LIMITS)
+TIMEOUT, RAMP, SOON = 20, 100, 20  # [ms]: state_timeout, ramp_time, and until efforts are safe
+TOLD = {
+    "robot_file": "panda",
+    "effort_limits": LIMITS.tolist(),
+    "state_timeout": TIMEOUT * 1e-3,
+    "ramp_time": RAMP * 1e-3,
+    "deadline": 1.0,  # other tests are late on purpose, the machine is not meant
+}
+
+
+@contextmanager
+def stand_of(target, caller):
+    made = Stand(target, caller)
+    try:
+        yield made
+        sent = np.array([efforts for _, efforts in made.commands])
+        assert len(sent) and np.isfinite(sent).all() and (np.abs(sent) <= LIMITS).all()
+    finally:
+        made.close()
+
+
+@pytest.fixture(scope="module")
+def target(start_module_server):
+    return start_module_server(TOLD, executable="computed_torque")
+
+
+@pytest.fixture
+def stand(target, caller):
+    with stand_of(target, caller) as made:
+        yield made
+
+
+@contextmanager
+def publisher(namespace, names=PANDA, q=Q):
+    """The process that publishes states."""
+    joints = [f"{name}={value}" for name, value in zip(names, q, strict=True)]
+    process = subprocess.Popen([sys.executable, PUBLISHER, namespace, "500", *joints])
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def held(stand):
+    return bool(stand.efforts) and np.abs(np.array(stand.efforts[-1].effort) - HELD).max() < 1e-9
+
+
+def check_way_to_zero(stand, since, visible):
+    """Efforts of messages from number `since` on are on the way to zero soon after the fault was visible [ns]."""
+    late = [(nanoseconds(m.header.stamp) - visible) * 1e-6 - SOON for m in stand.efforts[since:]]
+    allowed = {ms: max(0.0, 1 - ms / RAMP) for ms in late}
+    for ms, message in zip(late, stand.efforts[since:], strict=True):
+        if ms >= 0:
+            assert (np.abs(message.effort) <= allowed[ms] * np.abs(HELD) + 1e-9).all(), f"{ms:.1f} ms too late"
+    assert max(late) > RAMP, "zeros are not sent on"
+
+
+def stamped(stand):
+    """[(stamp [ns], whether they hold the robot)] of the efforts."""
+    return [(nanoseconds(m.header.stamp), np.abs(np.array(m.effort) - HELD).max() < 1e-9) for m in stand.efforts]
+
+
+def check_recovery(stand):
+    """From the last zeros, sent because states were still missing, to efforts that hold the robot."""
+    last = max(k for k, message in enumerate(stand.efforts) if not np.any(message.effort))
+    began = nanoseconds(stand.efforts[last].header.stamp)
+    assert next(stamp for stamp, holds in stamped(stand)[last:] if holds) - began < 500_000_000
+
+
+def zeros(stand, count=5):
+    return len(stand.efforts) >= count and not np.any([message.effort for message in stand.efforts[-count:]])
+
+
+def test_a_publisher_that_is_killed_and_comes_back_with_another_joint_order(stand):
+    namespace = stand.target.rpartition("/")[0]
+    with publisher(namespace) as process:
+        stand.wait_until(lambda: held(stand) and len(stand.heard) > 100, "efforts")
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        stand.wait_until(lambda: zeros(stand), "zeros")
+    time.sleep(0.2)
+    visible = stand.heard[-1] + TIMEOUT * 1_000_000
+    since = next(k for k, m in enumerate(stand.efforts) if nanoseconds(m.header.stamp) > stand.heard[-1])
+    check_way_to_zero(stand, since, visible)
+    stand.wait_until(lambda: stand.says("no joint_states for more than 20 ms"), "the cause")
+    with publisher(namespace, PANDA[::-1], Q[::-1]):
+        stand.wait_until(lambda: held(stand), "efforts again")
+    check_recovery(stand)
+
+
+BAD = {
+    "nan": ({"q": [*Q[:3], np.nan, *Q[4:]]}, "position of joint 'panda_joint4' is nan"),
+    "infinite velocity": ({"qd": [np.inf, *[0.0] * 6]}, "velocity of joint 'panda_joint1' is inf"),
+    "no velocities": ({"qd": []}, "0 velocities for 7 names"),
+    "a joint missing": ({"q": Q[:6], "names": PANDA[:6]}, "joint_states has no 'panda_joint7'"),
+    "a joint twice": ({"q": [*Q, 0.0], "names": [*PANDA, PANDA[0]]}, "names 'panda_joint1' more than once"),
+    "too few positions": ({"q": Q[:6], "names": PANDA}, "6 positions for 7 names"),
+    "an old stamp": ({"stamp": 10**9}, "s old by their stamp"),
+    "a stamp of tomorrow": ({"stamp": 2 * 10**18}, "ahead of the clock"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_states_that_cannot_be_used(what, stand):
+    bad, said = BAD[what]
+    stand.stream_until(lambda: held(stand), "efforts")
+    since, began = len(stand.efforts), time.time_ns()
+    stand.stream(0.25, **bad)
+    stand.wait_until(lambda: stand.says(f"efforts go to zero: {said}") or stand.says(said), said)
+    check_way_to_zero(stand, since, began)
+    stand.stream_until(lambda: held(stand), "efforts again")
+    check_recovery(stand)
+
+
+def test_a_burst_of_ten_thousand_messages(stand):
+    stand.stream_until(lambda: held(stand), "efforts")
+    took = []
+    while len(took) < 3 and min(took, default=np.inf) > 500_000_000:  # the machine may stall by itself, but not thrice
+        for k in range(10_000):
+            stand.publish(q=Q + 1e-4 * (k % 7))
+        ended = time.time_ns()
+        again = lambda ended=ended: [stamp for stamp, holds in stamped(stand) if holds and stamp > ended]  # noqa: E731
+        stand.stream_until(again, "efforts after the burst")
+        took.append(again()[0] - ended)
+    assert min(took) < 500_000_000
+
+
+def test_efforts_that_are_late_again_and_again(stand):
+    stand.stream_until(lambda: held(stand), "efforts")
+    assert stand.set_parameters(deadline=1e-4, deadline_misses=5).successful  # [s], no message is that fast
+    stand.stream_until(
+        lambda: stand.says("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
+    )
+    stand.stream_until(lambda: zeros(stand), "zeros")
+    assert stand.set_parameters(deadline=TOLD["deadline"]).successful
+    stand.stream_until(lambda: held(stand), "efforts again")
+
+
+def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(start_server, caller):
+    told = {name: value for name, value in TOLD.items() if name != "robot_file"}
+    target = start_server(told, executable="computed_torque")
+    with stand_of(target, caller) as stand:
+        description = stand.node.create_publisher(String, "robot_description", LATCHED)
+        texts = {name: shipped_robots()[name].read_text() for name in ("panda", "ur5e")}
+        description.publish(String(data=texts["panda"]))
+        stand.stream_until(lambda: held(stand), "efforts")
+        description.publish(String(data="<robot"))
+        stand.stream_until(lambda: stand.says("last change refused: topic robot_description"), "the refusal")
+        assert held(stand), "what is no robot leaves the one before it"
+        description.publish(String(data=texts["ur5e"]))
+        said = "the description of 'ur5e' does not fit: parameter joints: unknown joint 'panda_joint1'"
+        stand.stream_until(lambda: stand.says(f"efforts go to zero: {said}"), said)
+        stand.stream_until(lambda: zeros(stand), "zeros")
+        heavier = texts["panda"].replace('<mass value="3', '<mass value="4')
+        description.publish(String(data=heavier))
+        library = Dynamics(load_robot(heavier), compiled=False)
+        expected = np.clip(library.gravity(Q), -LIMITS, LIMITS)
+        back = time.monotonic()
+        stand.stream_until(lambda: np.abs(stand.commands[-1][1] - expected).max() < 1e-9, "the heavier robot")
+        print(f"another robot was ready after {time.monotonic() - back:.2f} s")
+
+
+def test_a_clock_that_jumps_back_stops_efforts_until_a_new_reference(start_server, caller):
+    target = start_server({**TOLD, "use_sim_time": True}, executable="computed_torque")
+    with stand_of(target, caller) as stand:
+        clock, now = stand.node.create_publisher(Clock, "/clock", 10), [10 * 10**9]
+
+        def run(condition, what, patience=20.0):
+            """Time runs, and states come."""
+            until = time.monotonic() + patience
+            while not condition():
+                assert time.monotonic() < until, f"{what}: {stand.diagnostics[-1:]}"
+                now[0] += 4_000_000
+                clock.publish(Clock(clock=to_time(now[0])))
+                stand.publish(stamp=now[0])
+                time.sleep(0.004)
+
+        run(lambda: held(stand), "efforts")
+        now[0] = 2 * 10**9
+        since = len(stand.efforts)
+        run(lambda: zeros(stand, 40), "zeros")
+        run(lambda: stand.says("the clock jumped back by"), "the cause")
+        sent = [m for m in stand.efforts[since:] if nanoseconds(m.header.stamp) < 9 * 10**9]
+        for message in sent:
+            ms = nanoseconds(message.header.stamp) * 1e-6 - 2000 - SOON
+            assert (np.abs(message.effort) <= np.clip(1 - ms / RAMP, 0, 1) * np.abs(HELD) + 1e-9).all()
+        stand.reference.publish(trajectory(PANDA, [0.0, 1.0], [Q, Q]))
+        run(lambda: held(stand), "efforts with a new reference")
+
+
+def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):
+    namespace, slowly = "/killed", {**TOLD, "ramp_time": 1.0}
+    with publisher(namespace), stand_of(f"{namespace}/computed_torque", caller) as stand:
+        with running_node("computed_torque", slowly, namespace) as process:
+            stand.wait_until(lambda: held(stand), "efforts")
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        time.sleep(0.5)  # what it had sent before arrives
+        count = len(stand.commands)
+        with running_node("computed_torque", slowly, namespace):
+            stand.wait_until(lambda: len(stand.commands) > count + 20 and held(stand), "efforts again")
+        sent = np.array([efforts for _, efforts in stand.commands[count:]])
+        assert np.abs(sent[0]).max() < 0.5 * np.abs(HELD).max()  # the first messages come before this process listens
+        assert np.abs(np.diff(sent[:-1], axis=0)).max() < 0.1 * np.abs(HELD).max()
+        assert not np.any(sent[-1]), "the last of a node that ends are zeros"

@@ -1,0 +1,58 @@
+"""Efforts that stream for long: the memory of the node stays what it was, and no reference is missed.
+
+SOAK_SECONDS=600 is what `make soak` runs; here it is short.
+"""
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+from nodes.stand import PANDA, Q, Stand, trajectory
+
+from robot_dynamics.nodes.running import running_node
+
+SECONDS = float(os.environ.get("SOAK_SECONDS", "20"))
+RATE, REFERENCES = 1000.0, 50.0  # [1/s]
+GROWTH = 1_000_000  # [bytes] from a tenth of the time on, as Python and the middleware fill their pools first
+
+
+def memory(process):
+    """What a process has of its own [bytes]."""
+    lines = Path(f"/proc/{process.pid}/smaps_rollup").read_text().splitlines()
+    return 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
+
+
+def test_efforts_stream_without_growing_and_without_missing_a_reference(ros, caller):
+    told = {"robot_file": "panda", "state_timeout": 0.5, "reference_timeout": 2.0, "deadline": 1.0}
+    with running_node("computed_torque", told, "/soak") as process:
+        stand = Stand("/soak/computed_torque", caller, keep=1000)
+        try:
+            stand.connect()
+            first = len(stand.diagnostics)
+            began = following = reference = time.monotonic()
+            kept, states, sent = None, 0, 0
+            while (now := time.monotonic()) < began + SECONDS:
+                stand.publish(q=Q + 1e-3 * np.sin(now - began))
+                states += 1
+                if now >= reference:
+                    stand.point.publish(trajectory(PANDA, [0.0], [Q], [np.zeros(7)], [np.zeros(7)]))
+                    reference, sent = reference + 1 / REFERENCES, sent + 1
+                if kept is None and now > began + max(SECONDS / 10, min(60.0, SECONDS / 2)):
+                    kept = memory(process)
+                following = max(following + 1 / RATE, now - 0.05)
+                time.sleep(max(0.0, following - time.monotonic()))
+            grown = memory(process) - kept
+            told_of = stand.diagnostics[first:]
+            last = told_of[-1][2]
+            print(f"\n{SECONDS:g} s, {states / SECONDS:.0f} states/s, {sent} references")
+            print(f"memory grew by {grown / 1024:.0f} kB")
+            print({name: value for name, value in last.items() if "[us]" in name or "rate" in name})
+            assert grown < GROWTH
+            assert last["references refused"] == "0" and last["states out of order"] == "0"
+            messages = [message for _, message, _ in told_of[2:]]
+            assert not [m for m in messages if "no reference" in m or "efforts go to zero" in m], messages
+            answered = sum(float(values["efforts rate [1/s]"]) for _, _, values in told_of[2:]) / len(told_of[2:])
+            assert answered > 0.9 * states / SECONDS
+        finally:
+            stand.close()

@@ -1,0 +1,84 @@
+"""Recordings of a Panda with known truth: a smooth motion, efforts by Pinocchio, and bags of both."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from robot_dynamics.model.library import shipped_robots
+
+JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
+MIDDLE = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.3])
+STORE = get_typestore(Stores.ROS2_JAZZY)
+BEGINNING = 1_600_000_000_000_000_000
+# what real data the workplace has beside the checkout; tests that read it are skipped where it is not
+REAL_DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+class Motion(NamedTuple):
+    """times (N,); q, qd, qdd, efforts (N, 7)."""
+
+    times: np.ndarray
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    efforts: np.ndarray
+
+
+def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0):
+    """Fourier series of up to 0.5 Hz about the middle of the joints, exact derivatives; efforts by Pinocchio."""
+    rng, times = np.random.default_rng(seed), start + np.arange(int(duration * rate)) / rate
+    q, qd, qdd = (np.zeros((len(times), 7)) for _ in range(3))
+    q += MIDDLE
+    for frequency in (0.1, 0.2, 0.35, 0.5):
+        w = 2 * np.pi * frequency
+        amplitude, phase = rng.uniform(0.1, 0.3, 7), rng.uniform(0, 2 * np.pi, 7)
+        angles = w * times[:, None] + phase
+        q += amplitude * np.sin(angles)
+        qd += amplitude * w * np.cos(angles)
+        qdd -= amplitude * w * w * np.sin(angles)
+    model = model or panda_model()
+    data = model.createData()
+    efforts = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
+    return Motion(times, q, qd, qdd, efforts + viscous * qd + coulomb * np.sign(qd))
+
+
+def panda_model():
+    return pin.buildModelFromXML(shipped_robots()["panda"].read_text())
+
+
+def message(time, names, position, velocity=(), effort=()):
+    """A JointState of `rosbags`, `time` [s] after BEGINNING."""
+    types = STORE.types
+    stamp = BEGINNING + round(time * 1e9)
+    header = types["std_msgs/msg/Header"](
+        types["builtin_interfaces/msg/Time"](stamp // 1_000_000_000, stamp % 1_000_000_000), ""
+    )
+    arrays = (np.array(values, dtype=float) for values in (position, velocity, effort))
+    return types["sensor_msgs/msg/JointState"](header, list(names), *arrays)
+
+
+def messages(motion, names=JOINTS):
+    return [message(*row[:1], names, *row[1:])
+            for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)]  # fmt: skip
+
+
+def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states"):
+    """Write messages, or (topic, message) pairs, into a new bag, as fast as they are stamped."""
+    pairs = [each if isinstance(each, tuple) else (topic, each) for each in told]
+    kinds = {name: value.__msgtype__ for name, value in pairs}
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
+    if compression is not None:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        connections = {name: writer.add_connection(name, kind, typestore=STORE) for name, kind in kinds.items()}
+        for number, (name, value) in enumerate(pairs):
+            header = getattr(value, "header", None)
+            recorded = BEGINNING + number * 1_000_000 if header is None else (
+                header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)  # fmt: skip
+            data = STORE.serialize_cdr(value, value.__msgtype__)
+            writer.write(connections[name], recorded, data)
+    return path

@@ -1,0 +1,122 @@
+"""Whatever order, gaps and stamps messages have, the grid has the motion, and the tally what was left out."""
+
+import numpy as np
+import pytest
+from peers.recorded import BEGINNING, JOINTS, message, messages, panda_motion
+
+from robot_dynamics.errors import RecordingError
+from robot_dynamics.replay import alignment
+from robot_dynamics.replay.alignment import stretches
+from robot_dynamics.replay.joint_sample import joint_sample
+from robot_dynamics.replay.tally import Tally
+
+MOTION = panda_motion(duration=12.0)
+NAMES = list(JOINTS)
+
+
+def samples(told, topic="/joint_states", late=0.0):
+    for each in told:
+        stamp = each.header.stamp
+        yield joint_sample(topic, stamp.sec * 1_000_000_000 + stamp.nanosec + round(late * 1e9), each)
+
+
+def on_grid(told, **settings):
+    tally = Tally()
+    return list(stretches(told, JOINTS, tally, **settings)), tally
+
+
+def joined(found, field="position"):
+    return np.concatenate([getattr(stretch, field) for stretch in found])
+
+
+@pytest.mark.parametrize("chunk", [20_000, 157])
+def test_even_samples_are_taken_as_they_are_in_pieces_of_any_size(monkeypatch, chunk):
+    monkeypatch.setattr(alignment, "CHUNK", chunk)
+    found, tally = on_grid(samples(messages(MOTION)))
+    for field, expected in (("position", MOTION.q), ("velocity", MOTION.qd), ("effort", MOTION.efforts)):
+        assert np.array_equal(joined(found, field), expected)
+    assert [stretch.continues for stretch in found] == [False] + [True] * (len(found) - 1)
+    assert tally.sentences == [] and tally.samples == len(MOTION.times)
+
+
+@pytest.mark.parametrize("chunk", [20_000, 157])
+def test_joints_on_several_topics_at_other_times_meet_on_one_grid(monkeypatch, chunk):
+    """Three joints at 100 Hz, four at 50 Hz between them: between samples the splines are right to 1e-5."""
+    monkeypatch.setattr(alignment, "CHUNK", chunk)
+    arm = [message(t, NAMES[:3], q[:3]) for t, q in zip(MOTION.times, MOTION.q, strict=True)]
+    wrist = [message(t + 0.0037, NAMES[3:], q[3:]) for t, q in list(zip(MOTION.times, MOTION.q, strict=True))[::2]]
+    told = sorted([*samples(arm, "/arm"), *samples(wrist, "/wrist")], key=lambda sample: sample.recorded)
+    found, tally = on_grid(told)
+    times = np.concatenate([stretch.time + np.arange(len(stretch)) / stretch.rate for stretch in found])
+    assert np.allclose(times, 0.0037 + 0.01 * np.arange(len(times)), atol=1e-9)  # from where all joints are known
+    expected = panda_motion(duration=12.0, start=times[0]).q[: len(times)]
+    assert np.abs(joined(found)[:, :3] - expected[:, :3]).max() < 1e-5
+    assert np.abs(joined(found)[:, 3:] - MOTION.q[: len(times), 3:]).max() < 1e-5
+    assert len(times) > 1190 and tally.counts["gaps"] == 0
+
+
+def test_two_publishers_on_one_topic_and_a_changing_order_of_names():
+    rng, told = np.random.default_rng(0), []
+    for t, q in zip(MOTION.times, MOTION.q, strict=True):
+        order = rng.permutation(4)
+        told.append(message(t, [NAMES[k] for k in order] + ["gripper"], [*q[order], 0.02]))
+        told.append(message(t, NAMES[4:], q[4:]))
+    found, tally = on_grid(samples(told))
+    assert np.array_equal(joined(found), MOTION.q)
+    assert tally.sentences == ["joints that the model does not ask for: gripper"]
+
+
+def test_late_repeated_and_damaged_messages_are_left_out_and_counted():
+    told = messages(MOTION)
+    told[101], told[100] = told[100], told[101]  # one is late
+    told.insert(300, told[300])  # one is there twice
+    told[500].position[2] = np.nan
+    told[600].effort[0] = np.inf
+    told.insert(700, message(7.0, ["gripper"], [0.1]))
+    told.insert(800, message(8.005, NAMES, MOTION.q[800, :6]))
+    found, tally = on_grid(samples(told))
+    assert tally.counts["out_of_order"] == tally.counts["duplicates"] == 1
+    assert tally.counts["not_finite"] == 2
+    assert tally.counts["strange"] == tally.counts["lengths"] == 1
+    assert len(joined(found)) == len(MOTION.times) and np.abs(joined(found) - MOTION.q).max() < 1e-6
+    assert len(tally.sentences) == 6
+
+
+def test_nothing_is_filled_in_across_a_gap():
+    told = [each for each, t in zip(messages(MOTION), MOTION.times, strict=True) if not 4 < t < 6]
+    found, tally = on_grid(samples(told))
+    assert [stretch.continues for stretch in found] == [False, False]
+    assert found[1].time == pytest.approx(6.0) and tally.counts["gaps"] == 1
+    assert np.array_equal(joined(found), MOTION.q[(MOTION.times <= 4) | (MOTION.times >= 6)])
+
+
+def test_a_clock_that_is_set_back_or_begins_at_zero_makes_a_stretch_of_its_own():
+    """A bag of a simulation started anew; and a recorder whose first stamps are near zero."""
+    first, second = messages(MOTION)[:400], messages(MOTION)[:500]
+    told = [*samples(first), *samples(second, late=4.0)]
+    found, tally = on_grid(told)
+    assert tally.counts["clock_jumps"] == 1
+    assert [len(stretch) for stretch in found] == [400, 500]
+    assert found[1].time == pytest.approx(4.01, abs=0.02)
+    assert np.array_equal(found[1].position, MOTION.q[:500])
+    begun = [sample._replace(stamp=sample.stamp - BEGINNING + 1) for sample in samples(messages(MOTION)[:10])]
+    found, tally = on_grid([*begun, *samples(messages(MOTION)[10:])])
+    assert tally.counts["clock_jumps"] == 1
+    assert found[-1].time + len(found[-1]) / found[-1].rate == pytest.approx(12.0, abs=0.03)
+    assert np.array_equal(found[-1].position, MOTION.q[10:])
+
+
+def test_without_stamps_the_time_of_recording_counts():
+    told = [sample._replace(stamp=0) for sample in samples(messages(MOTION))]
+    found, tally = on_grid(told)
+    assert np.array_equal(joined(found), MOTION.q) and tally.counts["no_stamp"] == len(told)
+
+
+def test_missing_joints_and_too_few_samples_are_refused():
+    told = [message(t, NAMES[:6], q[:6]) for t, q in zip(MOTION.times, MOTION.q, strict=True)]
+    with pytest.raises(RecordingError, match="joints missing: panda_joint7"):
+        on_grid(samples(told))
+    with pytest.raises(RecordingError, match="1 samples of the joints: 8 at least"):
+        on_grid(samples(messages(MOTION)[:1]))
+    with pytest.raises(RecordingError, match="joint 'panda_joint1' is named twice"):
+        on_grid(samples([message(0, ["panda_joint1", "panda_joint1"], [1, 2])]))

@@ -1,0 +1,211 @@
+"""Checks of recordings whose truth is known: efforts by Pinocchio, noise, frictions and faults that were put in."""
+
+import numpy as np
+import pytest
+from peers.recorded import JOINTS, message, messages, panda_motion, write_bag
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.errors import DescriptionError, QuestionError, RecordingError
+from robot_dynamics.replay.checking import check
+from robot_dynamics.replay.comparison import Comparison
+from robot_dynamics.replay.drives import direct_drives, load_drives, write_drives
+from robot_dynamics.replay.motions import Motion
+from robot_dynamics.replay.recordings import open_recording
+from robot_dynamics.replay.tolerances import load_tolerances
+
+DYNAMICS = Dynamics(load_robot("panda"))
+MOTION = panda_motion(duration=20.0)
+NOISE = 0.3
+
+
+def noisy(motion=MOTION, seed=0):
+    rng = np.random.default_rng(seed)
+    return motion._replace(efforts=motion.efforts + NOISE * rng.normal(size=motion.efforts.shape))
+
+
+def checked(path, drives=None, tolerances=None, **settings):
+    drives = drives or direct_drives(JOINTS)
+    return check(open_recording(path, drives), DYNAMICS, tolerances or load_tolerances(), **settings)
+
+
+def failed(found):
+    return [verdict.joint.joint for verdict in found.verdicts if not verdict.passed]
+
+
+def test_what_pinocchio_computed_passes_with_the_noise_as_residual(tmp_path):
+    found = checked(write_bag(tmp_path / "run", messages(noisy())))
+    assert found.passed and found.segments == () and found.since is None
+    for verdict in found.verdicts:
+        # noise of the band up to 8 of 50 Hz is left, and, of the motion, what the filter takes off
+        assert verdict.joint.rms == pytest.approx(NOISE * np.sqrt(8 / 50), rel=0.1)
+        assert verdict.joint.rms_unfiltered == pytest.approx(NOISE, rel=0.05)
+        assert abs(verdict.joint.bias) < 0.03
+        assert verdict.joint.samples == len(MOTION.times) - 26  # 13 at either end, a period of 8 Hz
+    assert found.notes == (
+        "26 samples are at the ends of stretches, where the filter sees one side only, and were left out",
+    )
+
+
+def test_sums_are_those_of_numpy():
+    rng, motion_count = np.random.default_rng(0), 3
+    comparison, parts = Comparison(("a", "b")), []
+    for part in range(motion_count):
+        m, p = rng.normal(size=(2, 700, 2)) * [1, 30] + [5, 100]
+        zero = np.zeros((700, 2))
+        motion = Motion(7.0 * part, 100.0, 8.0, zero, zero, zero, m, m + 1, np.ones(2, dtype=bool))
+        comparison.add(motion, p)
+        parts.append((m, p))
+    m, p = (np.concatenate(values) for values in zip(*parts, strict=True))
+    r = m - p
+    for column, joint in enumerate(comparison.joints):
+        slope, _ = np.polyfit(p[:, column], m[:, column], 1)
+        expected = {
+            "rms": np.sqrt((r[:, column] ** 2).mean()), "bias": r[:, column].mean(), "spread": m[:, column].std(),
+            "largest": np.abs(r[:, column]).max(), "correlation": np.corrcoef(m[:, column], p[:, column])[0, 1],
+            "scale": slope, "at": np.abs(r[:, column]).argmax() / 100,
+            "rms_unfiltered": np.sqrt(((r[:, column] + 1) ** 2).mean()),
+        }  # fmt: skip
+        for key, value in expected.items():
+            assert getattr(joint, key) == pytest.approx(value, rel=1e-9), key
+    starts, rms = comparison.window_rms
+    assert np.array_equal(starts, np.arange(21))
+    assert np.allclose(rms, np.sqrt((r.reshape(21, 100, 2) ** 2).mean(axis=1)))
+
+
+def test_a_joint_that_goes_wrong_is_named_with_the_time(tmp_path):
+    told = noisy()
+    told.efforts[1230:1500, 5] += 6.0
+    found = checked(write_bag(tmp_path / "run", messages(told)))
+    assert failed(found) == ["panda_joint6"]
+    (segment,) = found.segments
+    assert segment.joint == "panda_joint6" and segment.start == pytest.approx(12.3, abs=1.0)
+    assert segment.end == pytest.approx(15.0, abs=1.0) and segment.rms > 4
+    assert found.as_dict()["since"] == segment.start
+
+
+def test_a_wrong_sign_a_wrong_unit_and_a_bias_are_told(tmp_path):
+    told = noisy()
+    told.efforts[:, 1] *= -1
+    told.efforts[:, 3] *= 0.1
+    told.efforts[:, 4] += 3.0
+    found = checked(write_bag(tmp_path / "run", messages(told)))
+    assert failed(found) == ["panda_joint2", "panda_joint4", "panda_joint5"]
+    sentences = {verdict.joint.joint: "; ".join(verdict.objections) for verdict in found.verdicts}
+    assert "opposite signs" in sentences["panda_joint2"]
+    assert "0.1 times the prediction" in sentences["panda_joint4"]
+    assert "a bias of 3" in sentences["panda_joint5"]
+
+
+def test_drives_tell_of_motors_gains_offsets_and_gravity(tmp_path):
+    """The same motion, measured at motors of which two turn with two joints, as currents, without gravity."""
+    rng = np.random.default_rng(4)
+    R = np.diag([100, -100, 50, 50, 80, 80, 40.0])
+    R[6, 5] = 40
+    kt = rng.uniform(0.05, 0.2, 7)
+    offsets, friction = rng.uniform(-1, 1, 7), rng.uniform(0.1, 0.3, 3)
+    motors = [f"motor_{k}" for k in range(7)]
+    at_motors = (MOTION.q - [0, 0.5, 0, 0, 0, 0, 0]) @ R.T
+    # what joints 6 and 7 feel of each other through motor 6, and the Coulomb friction of both together
+    felt = np.zeros_like(MOTION.q)
+    for a, b in ((5, 6), (6, 5)):
+        felt[:, a] = friction[0] * MOTION.qdd[:, b] + friction[1] * MOTION.qd[:, b]
+        felt[:, a] += friction[2] * np.sign(MOTION.qd[:, 5] + MOTION.qd[:, 6])
+    gravity = DYNAMICS.gravity(MOTION.q)
+    currents = (MOTION.efforts - gravity + offsets + felt) @ np.linalg.inv(R) / kt
+    told = [message(t, motors, q, (), current)
+            for t, q, current in zip(MOTION.times, at_motors, currents, strict=True)]  # fmt: skip
+    ratios = "".join(f"  {motor}: {{{', '.join(f'{JOINTS[k]}: {row[k]}' for k in np.flatnonzero(row))}}}\n"
+                     for motor, row in zip(motors, R, strict=True))  # fmt: skip
+    text = (
+        f"format: 1\nmotors:\n{ratios}position_offsets: {{panda_joint2: 0.5}}\neffort_excludes_gravity: true\n"
+        f"effort_gains: {{{', '.join(f'{m}: {g}' for m, g in zip(motors, kt, strict=True))}}}\n"
+        f"effort_offsets: {{{', '.join(f'{j}: {o}' for j, o in zip(JOINTS, offsets, strict=True))}}}\n"
+        f"coupled: {{motor_6: {{rotor_inertia: {friction[0]}, viscous_friction: {friction[1]}, "
+        f"coulomb_friction: {friction[2]}}}}}\n"
+    )
+    (tmp_path / "drives.yaml").write_text(text)
+    drives = load_drives(tmp_path / "drives.yaml", JOINTS)
+    bag = write_bag(tmp_path / "run", told)
+    found = checked(bag, drives, cutoff=20.0)
+    assert max(verdict.joint.rms for verdict in found.verdicts) < 0.08  # what the filter does at reversals
+    (tmp_path / "again.yaml").write_text(write_drives(drives))
+    again = checked(bag, load_drives(tmp_path / "again.yaml", JOINTS), cutoff=20.0)
+    rms = ([verdict.joint.rms for verdict in each.verdicts] for each in (again, found))
+    assert next(rms) == pytest.approx(next(rms), rel=1e-9)
+    left_out = load_drives(None, JOINTS)
+    with pytest.raises(RecordingError, match="joints missing: panda_joint1"):
+        checked(bag, left_out)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("motors: {}", "format missing"),
+        ("format: 1\ngains: {}", "unknown key 'gains'"),
+        ("format: 1\neffort_offsets: {panda_joint9: 1}", "unknown joint 'panda_joint9'"),
+        ("format: 1\nmotors: {a: {panda_joint1: 1}}", "1 motors drive 7 joints"),
+        ("format: 1\ncoupled: {m: {viscous_friction: 1}}", "unknown motor of several joints 'm'"),
+        ("format: 1\neffort_gains: {panda_joint1: 1/0}", "line 2"),
+    ],
+)
+def test_wrong_drives_are_refused(tmp_path, text, message):
+    (tmp_path / "drives.yaml").write_text(text)
+    with pytest.raises(DescriptionError, match=message):
+        load_drives(tmp_path / "drives.yaml", JOINTS)
+
+
+def test_tolerances_come_from_a_file_over_those_that_ship(tmp_path):
+    (tmp_path / "tight.yaml").write_text(
+        "format: 1\njoints: {panda_joint7: {effort_share: 0.001, normalised_rms: 0.01}}"
+    )
+    bag = write_bag(tmp_path / "run", messages(noisy()))
+    assert failed(checked(bag, tolerances=load_tolerances(tmp_path / "tight.yaml", JOINTS))) == ["panda_joint7"]
+    (tmp_path / "wrong.yaml").write_text("format: 1\njoints: {joint7: {effort_share: 0.1}}")
+    with pytest.raises(DescriptionError, match="panda_joint7"):
+        load_tolerances(tmp_path / "wrong.yaml", JOINTS)
+    (tmp_path / "wrong.yaml").write_text("format: 1\nnormalised_rms: -1")
+    with pytest.raises(DescriptionError, match="line 2"):
+        load_tolerances(tmp_path / "wrong.yaml")
+
+
+def test_efforts_that_say_nothing_are_refused_and_joints_without_are_named(tmp_path):
+    silent = MOTION._replace(efforts=0 * MOTION.efforts)
+    with pytest.raises(RecordingError, match="efforts are constant throughout"):
+        checked(write_bag(tmp_path / "silent", messages(silent)))
+    told = noisy()
+    told.efforts[:, 2] = 0
+    found = checked(write_bag(tmp_path / "one", messages(told)))
+    assert failed(found) == ["panda_joint3"]
+    told.efforts[:, 2] = np.nan
+    found = checked(write_bag(tmp_path / "nan", messages(told)))
+    assert failed(found) == ["panda_joint3"]
+    assert "efforts that were not measured: panda_joint3" in found.notes
+    nothing = [message(t, JOINTS, q) for t, q in zip(MOTION.times, MOTION.q, strict=True)]
+    with pytest.raises(RecordingError, match="nothing was measured"):
+        checked(write_bag(tmp_path / "none", nothing))
+    with pytest.raises(RecordingError, match=r"nothing is left to look at\. .*samples are in stretches too short"):
+        checked(write_bag(tmp_path / "short", messages(MOTION)[:9]))
+
+
+def test_a_moving_base_is_refused(tmp_path):
+    flying = Dynamics(load_robot("free_flying_arm"))
+    bag = write_bag(tmp_path / "run", messages(MOTION))
+    with pytest.raises(QuestionError, match="has a moving base"):
+        check(open_recording(bag, direct_drives(flying.joint_names)), flying, load_tolerances())
+
+
+def test_csv_with_named_columns_is_read_as_a_bag_is(tmp_path):
+    head = ["time", *(f"{name}.{field}" for field in ("effort", "position") for name in JOINTS), "note"]
+    rows = [[t + 1.5, *tau, *q] for t, tau, q in zip(MOTION.times, MOTION.efforts, MOTION.q, strict=True)]
+    lines = [",".join(head), *(",".join(f"{x:.12g}" for x in row) + ",0" for row in rows)]
+    lines[500] = lines[500].replace(",", ",oops,", 1)
+    (tmp_path / "run.csv").write_text("\n".join(lines))
+    found = checked(tmp_path / "run.csv")
+    assert found.passed and max(verdict.joint.rms for verdict in found.verdicts) < 0.1
+    assert any("cells that are no numbers" in note for note in found.notes)
+    (tmp_path / "bare.csv").write_text("\n".join(lines[1:]))
+    with pytest.raises(RecordingError, match="first line has no names of columns"):
+        checked(tmp_path / "bare.csv")
+    (tmp_path / "other.csv").write_text("time,a,b\n0,1,2\n")
+    with pytest.raises(RecordingError, match=r"joint\.position is needed"):
+        checked(tmp_path / "other.csv")

@@ -1,0 +1,154 @@
+"""Faults that were put into recordings, simulated ones and real ones, are named and dated; sound ones have none."""
+
+import re
+
+import numpy as np
+import pytest
+from peers.recorded import REAL_DATA, messages, panda_motion, write_bag
+
+from robot_dynamics import Dynamics, Inertia, load_robot
+from robot_dynamics.commands.main import main
+from robot_dynamics.identification.consistent import consistent
+from robot_dynamics.identification.effort_columns import effort_columns
+from robot_dynamics.identification.fitting import fitted
+from robot_dynamics.identification.samples import Samples
+from robot_dynamics.replay.checking import Predictor
+from robot_dynamics.replay.drives import direct_drives
+from robot_dynamics.replay.faults import Evidence
+from robot_dynamics.replay.motions import Motion
+from robot_dynamics.replay.recordings import open_recording
+from robot_dynamics.replay.signals import cutoff_of, differentiated, lowpass
+
+KINDS = ("payload", "friction", "swapped", "sign")
+TRIALS = 6  # of each kind and robot
+
+
+class Subject:
+    """A robot with signals of a recording (N, n), into which faults are put before they are filtered."""
+
+    def __init__(self, dynamics, drives, link, rate, q, qd, efforts):
+        self.dynamics, self.link, self.rate = dynamics, link, rate
+        self.predictor = Predictor(dynamics, drives)
+        self.cutoff, self.efforts = cutoff_of(rate), efforts
+        self.q, self.qd = (lowpass(values, rate, self.cutoff) for values in (q, qd))
+        self.qdd = differentiated(self.qd, rate)
+        loaded = Dynamics(dynamics.robot.with_payload(link, Inertia(1.0)))
+        self.kilogram = loaded.inverse(self.q, self.qd, self.qdd) - dynamics.inverse(self.q, self.qd, self.qdd)
+        joints = dynamics.robot.joints
+        self.step = np.array([2 * max(joint.coulomb_friction, 0.015 * joint.limits.effort) for joint in joints])
+
+    def faulty(self, kind, onset, rng):
+        """(efforts with a fault from `onset` [s] on, names of the joints that it concerns)."""
+        efforts, n, after = self.efforts.copy(), len(self.step), slice(int(onset * self.rate), None)
+        one, other = rng.choice(n, 2, replace=False)
+        if kind == "payload":
+            efforts[after] += self.kilogram[after]
+            return efforts, ()
+        if kind == "friction":
+            efforts[after, one] += 0.5 * self.step[one] * np.sign(self.qd[after, one])
+        if kind == "sign":
+            efforts[after, one] *= -1
+        if kind == "swapped":
+            efforts[after, [one, other]] = efforts[after, [other, one]]
+        names = self.dynamics.joint_names
+        return efforts, {names[one], names[other]} if kind == "swapped" else {names[one]}
+
+    def fault(self, efforts):
+        """The Fault that is named in filtered efforts, without the ends, as a check has them."""
+        ends = int(np.ceil(self.rate / self.cutoff))
+        some = slice(ends, len(efforts) - ends)
+        arrays = (self.q, self.qd, self.qdd, lowpass(efforts, self.rate, self.cutoff), efforts)
+        measured = np.ones(len(self.step), dtype=bool)
+        motion = Motion(ends / self.rate, self.rate, self.cutoff, *(array[some] for array in arrays), measured)
+        evidence = Evidence(self.predictor, self.link)
+        evidence.add(motion, self.predictor(motion))
+        return evidence.fault()
+
+    def found(self, kind, trials, seed=0):
+        """How many of the faults put in at random moments are named, with their joints, and dated within 0.5 s."""
+        rng, good = np.random.default_rng(seed), 0
+        for _ in range(trials):
+            onset = rng.uniform(0.2, 0.8) * len(self.efforts) / self.rate
+            efforts, joints = self.faulty(kind, onset, rng)
+            fault = self.fault(efforts)
+            if fault and (fault.kind, set(fault.joints)) == (kind, set(joints)):
+                good += abs(fault.onset - onset) < 0.5
+        return good
+
+
+def simulated(seed):
+    motion = panda_motion(duration=20.0, rate=100.0, seed=seed % 5)
+    noise = np.random.default_rng(seed).normal(size=motion.efforts.shape) * [0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05]
+    dynamics = Dynamics(load_robot("panda"))
+    drives = direct_drives(dynamics.joint_names)
+    return Subject(dynamics, drives, "panda_link8", 100.0, motion.q, motion.qd, motion.efforts + noise)
+
+
+def real(robot, recording, link):
+    """The robot as it is fitted to its recording, and the recording."""
+    dynamics = Dynamics(load_robot(robot))
+    told = open_recording(REAL_DATA / recording, direct_drives(dynamics.joint_names))
+    identified = consistent(fitted(Samples([told], effort_columns(dynamics, told.drives))))
+    (stretch,) = told.stretches()
+    signals = stretch.position, stretch.velocity, stretch.effort
+    return Subject(Dynamics(identified.robot), identified.drives, link, stretch.rate, *signals)
+
+
+def test_sound_simulated_recordings_have_no_fault():
+    subject = simulated(0)
+    motion = panda_motion(duration=20.0, rate=100.0)
+    for seed in range(50):
+        noise = np.random.default_rng(seed).normal(size=motion.efforts.shape)
+        assert subject.fault(motion.efforts + noise * [0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05]) is None, seed
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_faults_of_simulated_recordings_are_named_and_dated(kind):
+    assert simulated(1).found(kind, TRIALS) == TRIALS
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
+@pytest.mark.parametrize(
+    ("robot", "recording", "link"),
+    [(REAL_DATA / "ur10" / "ur10.urdf", "ur10/ur10_unisa_mcap", "tool0"),
+     ("panda", "panda/panda_unisa_mcap", "panda_link8")],
+)  # fmt: skip
+def test_faults_of_real_recordings_are_named_and_dated(robot, recording, link):
+    subject = real(robot, recording, link)
+    assert subject.fault(subject.efforts) is None
+    good = {kind: subject.found(kind, TRIALS) for kind in KINDS}
+    assert min(good.values()) >= TRIALS - 1, good
+
+
+@pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
+def test_a_hand_in_the_model_of_a_panda_without_one_is_found():
+    """The hand of a Panda has 0.73 kg; in the recording it is not mounted."""
+    subject = real("panda", "panda/panda_unisa_mcap", "panda_link8")
+    hand = Inertia.about_centre_of_mass(0.73, np.diag([1e-3, 2.5e-3, 1.7e-3]), placement((0, 0.01, 0.03)))
+    with_hand = Dynamics(subject.dynamics.robot.with_payload("panda_link8", hand))
+    subject.predictor = Predictor(with_hand, subject.predictor.drives)
+    fault = subject.fault(subject.efforts)
+    assert fault.kind == "payload" and fault.onset < 1.0
+    (kilograms,) = re.findall(r"payload of (\S+) kg", fault.sentence)
+    assert float(kilograms) == pytest.approx(-0.73, abs=0.1)
+
+
+def placement(position):
+    matrix = np.eye(4)
+    matrix[:3, 3] = position
+    return matrix
+
+
+def test_the_command_names_a_payload(tmp_path, capsys):
+    subject = simulated(2)
+    efforts, _ = subject.faulty("payload", 8.0, np.random.default_rng(0))
+    motion = panda_motion(duration=20.0, rate=100.0, seed=2)
+    sound = messages(motion._replace(efforts=subject.efforts))
+    loaded = messages(motion._replace(efforts=efforts))
+    command = ["--robot", "panda", "--faults"]
+    assert main(["replay-check", str(write_bag(tmp_path / "sound", sound)), *command]) == 0
+    assert "fault" not in capsys.readouterr().out
+    assert main(["replay-check", str(write_bag(tmp_path / "loaded", loaded)), *command]) == 3
+    told = capsys.readouterr().out
+    kilograms, since = re.search(r"fault: a payload of (\S+) kg on panda_link8, since (\S+) s", told).groups()
+    assert float(kilograms) == pytest.approx(1.0, abs=0.05) and float(since) == pytest.approx(8.0, abs=0.1)

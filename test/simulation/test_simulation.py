@@ -1,0 +1,96 @@
+"""What any simulation does: it repeats itself, goes back exactly, and refuses what it cannot do."""
+
+import numpy as np
+import pytest
+from peers.flying_arm import TWIST, VELOCITIES
+
+from robot_dynamics import Base, QuestionError, RobotDynamicsError, load_robot
+from robot_dynamics.errors import SimulationError
+from robot_dynamics.simulation import Simulation
+
+EFFORTS = np.array([3.0, -2.0, 1.0, 0.1, -0.1, 0.01])
+
+
+def run(simulation):
+    wrenches = {"arm_tool0": [1.0, 2.0, 0.5, 0.1, 0.0, 0.2]}
+    simulation.advance(50, efforts=EFFORTS)
+    return simulation.advance(50, efforts=-EFFORTS, external_wrenches=wrenches)
+
+
+def assert_same(one, other):
+    assert (one.steps, one.time) == (other.steps, other.time)
+    for name in ("pose", "twist", "positions", "velocities", "joint_positions"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+
+def test_it_repeats_itself_bit_for_bit_and_goes_back_exactly():
+    ends = []
+    for _ in range(2):
+        simulation = Simulation(load_robot("free_flying_arm"))
+        simulation.start(velocities=VELOCITIES, base=Base(twist=TWIST))
+        begun = simulation.state
+        ends.append(run(simulation))
+        simulation.reset()
+        assert_same(simulation.state, begun)
+        ends.append(run(simulation))
+    for end in ends[1:]:
+        assert_same(ends[0], end)
+
+
+def test_a_wrench_on_a_link_is_that_of_the_direct_model():
+    simulation = Simulation(load_robot("ur5e"))
+    q, qd, wrench = np.full(6, 0.3), np.full(6, 0.2), np.array([5.0, -3.0, 2.0, 0.3, 0.2, -0.1])
+    simulation.start(q, qd)
+    base, qdd = simulation.accelerations(efforts=EFFORTS, external_wrenches={"tool0": wrench})
+    expected = simulation.dynamics.direct(q, qd, EFFORTS, external_wrenches={"tool0": wrench})
+    np.testing.assert_allclose(qdd, expected, rtol=1e-10)
+    np.testing.assert_array_equal(base, 0)
+
+
+def test_acceleration_of_the_base_is_the_derivative_of_its_velocity():
+    simulation = Simulation(load_robot("free_flying_arm"), step=1e-4)
+    simulation.start(velocities=VELOCITIES, base=Base(twist=[0.3, -0.5, 0.2, 0.4, 0.6, -0.3]))
+    seen = []
+    for _ in range(3):
+        state = simulation.state
+        seen.append((state.pose[:3, :3] @ state.twist[:3], state.pose[:3, :3], simulation.accelerations()[0]))
+        simulation.advance()
+    (before, _, _), (_, R, acceleration), (after, _, _) = seen
+    np.testing.assert_allclose(R @ acceleration[:3], (after - before) / 2e-4, atol=1e-6)
+
+
+def test_what_diverges_is_told_and_the_last_good_state_stays():
+    simulation = Simulation(load_robot("ur5e"), step=0.01)
+    simulation.start(velocities=np.full(6, 3000.0))
+    with pytest.raises(SimulationError, match="step is too long"):
+        simulation.advance(200)
+    assert np.isfinite(simulation.state.velocities).all()
+    simulation.reset()
+    assert simulation.state.time == 0
+
+
+@pytest.mark.parametrize(
+    ("do", "message"),
+    [
+        (lambda s: s.advance(efforts=[1.0]), r"efforts has shape \(1,\)"),
+        (lambda s: s.advance(efforts=[np.nan] * 6), r"efforts\[0\] is nan"),
+        (lambda s: s.advance(external_wrenches={"hand": np.zeros(6)}), "unknown link 'hand'"),
+        (lambda s: s.start(positions=[0.0]), "positions has shape"),
+        (lambda s: s.start(base=Base(twist=[1, 0, 0, 0, 0, 0])), "the base is fixed"),
+        (lambda s: Simulation("ur5e"), "takes a Robot"),
+        (lambda s: Simulation(s.robot, step=-1), "step is -1"),
+        (lambda s: s.momentum(), "no momentum of its own"),
+    ],
+)
+def test_what_does_not_fit_is_refused(do, message):
+    simulation = Simulation(load_robot("ur5e"))
+    with pytest.raises(RobotDynamicsError, match=message) as refused:
+        do(simulation)
+    assert isinstance(refused.value, QuestionError)
+    assert simulation.state.steps == 0
+
+
+def test_states_cannot_be_written_into():
+    state = Simulation(load_robot("ur5e")).state
+    with pytest.raises(ValueError, match="read-only"):
+        state.positions[0] = 1.0

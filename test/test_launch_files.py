@@ -1,0 +1,84 @@
+"""Launch files name what exists, and where `launch` can be imported they make their descriptions."""
+
+import ast
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robot_dynamics import load_robot, shipped_robots
+
+ROOT = Path(__file__).parents[1]
+FILES = sorted((ROOT / "launch").glob("*.launch.py"))
+EXECUTABLES = set(re.findall(r'"(\w+) = robot_dynamics\.nodes', (ROOT / "setup.py").read_text()))
+
+
+def calls(path, name):
+    """{keyword: ast node} of each call of a function of that name."""
+    tree = ast.parse(path.read_text())
+    found = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name]
+    return [({word.arg: word.value for word in call.keywords}, call.args) for call in found]
+
+
+def test_there_are_launch_files_for_each_node_and_the_closed_loop():
+    names = {path.name.removesuffix(".launch.py") for path in FILES}
+    assert {"dynamics_server", "mobile_base_simulator", "computed_torque", "closed_loop"} <= names
+    for name in names - {"closed_loop"}:
+        assert name in EXECUTABLES
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_what_is_named_exists(path):
+    text = path.read_text()
+    nodes = [words for words, _ in calls(path, "Node")]
+    assert nodes and re.search(r'"?package"?[=:] ?"robot_dynamics"', text)
+    for words in nodes:
+        executable = ast.literal_eval(words["executable"])
+        assert executable in EXECUTABLES
+        assert (ROOT / "robot_dynamics" / "nodes" / f"{executable}.py").is_file()
+    for _, (parts,) in calls(path, "PathJoinSubstitution"):
+        package, *names = parts.elts
+        assert ast.literal_eval(package.args[0]) == "robot_dynamics"
+        assert ROOT.joinpath(*map(ast.literal_eval, names)).is_file()
+    declared = {literal(args[0]): words for words, args in calls(path, "DeclareLaunchArgument")}
+    if None not in declared:  # all of them written out
+        assert literal(declared["robot"]["default_value"]) in shipped_robots()
+        assert {literal(args[0]) for _, args in calls(path, "LaunchConfiguration")} <= set(declared)
+    assert ast.get_docstring(ast.parse(text)).count(f"ros2 launch robot_dynamics {path.name}") == 1
+    for robot in re.findall(r"robot:=(\w+)", text):
+        assert robot in shipped_robots()
+
+
+def literal(node):
+    """What an expression stands for, None where it is no literal."""
+    return node.value if isinstance(node, ast.Constant) else None
+
+
+@pytest.mark.parametrize("name", ["mobile_base_simulator", "computed_torque", "closed_loop"])
+def test_parameter_files_hold_what_the_nodes_take(name):
+    from robot_dynamics.nodes import control_parameters, simulator_parameters
+
+    takes = {"mobile_base_simulator": simulator_parameters, "computed_torque": control_parameters}
+    for node, section in yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()).items():
+        module = takes[node.rpartition("/")[2]]
+        assert section["ros__parameters"]
+        for parameter, value in section["ros__parameters"].items():
+            if parameter != "use_sim_time":
+                module.checked(parameter, value)
+    simulator_parameters.simulated({key: simulator_parameters.checked(key, default)
+                                    for key, (default, _) in simulator_parameters.PARAMETERS.items()},
+                                   load_robot("ur5e"))  # fmt: skip
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_descriptions_are_made(path):
+    pytest.importorskip("launch.actions", reason="launch is part of ROS, and not among its wheels")
+    pytest.importorskip("launch_ros.actions", reason="launch_ros is part of ROS, and not among its wheels")
+    spec = importlib.util.spec_from_file_location(path.stem.replace(".", "_"), path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    nodes = [entity for entity in module.generate_launch_description().entities if hasattr(entity, "node_executable")]
+    executables = [ast.literal_eval(words["executable"]) for words, _ in calls(path, "Node")]
+    assert [node.node_executable for node in nodes] == executables
