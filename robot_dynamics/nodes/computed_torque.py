@@ -242,11 +242,11 @@ class ComputedTorque(LifecycleNode):
             self._base.require(now, timeout)
             efforts = controller.step(now, time)
         except QuestionError as error:
-            efforts = controller.refuse(now, str(error))
+            stamp, efforts = None, controller.refuse(now, str(error))
         except Exception as error:  # a fault of ours must not take the node down while a robot hangs on it
             self.get_logger().error(traceback.format_exc(), throttle_duration_sec=1.0)
-            efforts = controller.refuse(now, f"internal error, please report it: {error!r}")
-        self._outputs.send(efforts)
+            stamp, efforts = None, controller.refuse(now, f"internal error, please report it: {error!r}")
+        self._outputs.send(efforts, stamp)
         self._answered(time, perf_counter() - began)
 
     def _on_odom(self, message):

@@ -29,12 +29,14 @@ class ControlOutputs:
         self._view = np.frombuffer(self._message.data)  # the array that the message holds, which is a copy
         self._named = JointState(name=list(joints))
 
-    def send(self, efforts):
-        """Publish efforts (joints,); by name as well where someone listens."""
+    def send(self, efforts, stamp=None):
+        """Publish efforts (joints,); by name as well where someone listens, stamped as the state that they answer, by
+        which a receiver pairs the two; None: as now. A stamp of zero is none."""
         self._view[:] = efforts
         self._commands.publish(self._message)
         if self._effort.get_subscription_count():
-            self._named.header.stamp = self._clock.now().to_msg()
+            told = stamp is not None and (stamp.sec or stamp.nanosec)
+            self._named.header.stamp = stamp if told else self._clock.now().to_msg()
             self._named.effort = self._message.data
             self._effort.publish(self._named)
 

@@ -6,6 +6,7 @@ so what comes out does not depend on how busy the machine is.
 
 import shutil
 from contextlib import contextmanager, nullcontext
+from time import monotonic
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -29,7 +30,7 @@ FREQUENCY = 3.0  # [Hz], critically damped
 GAINS = {"kp": [(2 * np.pi * FREQUENCY) ** 2], "kd": [4 * np.pi * FREQUENCY]}
 AHEAD, REST = 0.3, 0.3  # [s] before and after a motion
 ARRIVED = 0.05  # [rad] from the goal at the end of a motion
-TIMES, AGAIN = 5, 0.05  # how often a motion is told, and [s] between: the first may find no listener that knows of it
+AGAIN = 0.05  # [s] after which what was not heard is told again
 PATIENCE = 120.0  # [s] of the machine for one motion
 REACH = np.array([1.2, -1.4, 1.6, 0.8, 0.6, -1.0])  # [rad] how far the free-flying arm moves, in SPACE_TIME [s]
 SPACE_TIME = 2.0
@@ -89,13 +90,22 @@ class Loop:
         with self._standing_still():
             begin = self.now_ns + round(AHEAD * 1e9)
             message = self._motion(begin, start, goal, seconds)
-            for _ in range(TIMES):
-                self._reference.publish(message)
+            deadline = monotonic() + PATIENCE
+            self._reference.publish(message)
+            while not self._led():  # the first may find no listener that knows of it
+                if monotonic() > deadline:
+                    raise TimeoutError(f"computed_torque takes no reference; the nodes say: {self._said}")
                 self._caller.spin(AGAIN)
+                self._reference.publish(message)
         self.wait(begin * 1e-9 + seconds + REST)
         if not np.abs(self.states[max(self.states)][0] - goal).max() < ARRIVED:
             raise RobotDynamicsError(f"the robot did not come to its goal; the nodes say: {self._said}")
         return begin * 1e-9
+
+    def _led(self):
+        """Whether computed_torque says that it follows a reference."""
+        said = [text for text in self._said if "computed_torque: " in text]
+        return said and "no reference" not in said[-1]
 
     def _motion(self, begin, start, goal, seconds):
         message = JointTrajectory(joint_names=self._names)
@@ -144,7 +154,7 @@ def loop_of(caller, robot, namespace, simulator):
     controller = {**common, **GAINS, "use_sim_time": True, "ramp_time": 0.0, "deadline": 1.0}
     # time stands still while a motion is awaited on a busy machine, and no answer is late
     simulator = {**common, **simulator, "wait_for_commands": "each", "real_time_factor": 0.0, "odom_rate": 100.0}
-    connected = {"~/commands": "computed_torque/commands"}
+    connected = {"~/effort": "computed_torque/effort"}  # whose stamps say which state they answer
     loop = Loop(caller, namespace, Dynamics(load_robot(robot), compiled=False).joint_names)
     try:
         with (

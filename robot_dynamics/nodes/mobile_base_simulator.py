@@ -21,6 +21,7 @@ from trajectory_msgs.msg import JointTrajectory
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes import simulator_outputs as told
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
+from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
@@ -189,17 +190,19 @@ class MobileBaseSimulator(Node):
                 return
 
     def _waits(self):
-        """Whether time stands still until efforts come. A state that was told twice may be answered twice, and what
-        answers it late would be taken for the answer to the next one: then it goes on when all has been quiet."""
+        """Whether time stands still until efforts come. A state that was told twice may be answered twice, and where
+        answers do not say to what, a late one would be taken for that to the next: it goes on when all has been quiet.
+        """
         wait, inputs = self._values["wait_for_commands"], self._inputs
-        if wait == "each" and inputs.answered and self._told_times > 1:
+        if wait == "each" and inputs.answered and not inputs.paired and self._told_times > 1:
             return time.monotonic() - self._last_answer < AGAIN
         return (wait == "first" and not inputs.commanded) or (wait == "each" and not inputs.answered)
 
     def _advance(self):
         """One step, told to all. Returns whether it could be made."""
         simulation, began = self._simulated.simulation, time.perf_counter()
-        self._inputs.answered, self._told_times = False, 0
+        self._told_times = 0
+        self._inputs.await_answer()
         try:
             simulation.advance(**self._acting())
         except RobotDynamicsError as error:
@@ -233,6 +236,8 @@ class MobileBaseSimulator(Node):
     def _tell(self):
         stamp, simulation = self._stamp(), self._simulated.simulation
         noise = self._values["noise.position"], self._values["noise.velocity"], self._random
+        if self._values["wait_for_commands"] == "each":
+            self._inputs.await_answer(nanoseconds(stamp))
         self._state_message = told.joint_states(simulation, self._inputs.efforts, noise, stamp)
         self._tell_again()
         rate, state = self._values["odom_rate"], simulation.state

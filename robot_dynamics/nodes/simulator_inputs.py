@@ -4,7 +4,7 @@ import numpy as np
 
 from robot_dynamics.control.reference import Trajectory
 from robot_dynamics.errors import QuestionError
-from robot_dynamics.nodes.messages import read_twist, read_wrench
+from robot_dynamics.nodes.messages import nanoseconds, read_twist, read_wrench
 from robot_dynamics.nodes.names import resolve
 from robot_dynamics.nodes.references import read_reference
 
@@ -26,7 +26,13 @@ class SimulatorInputs:
         self.efforts = np.zeros(len(self._simulation.joint_names))
         self._commanded = self._driven = -np.inf
         self._drive, self._wrenches, self._reference = None, {}, None
-        self.answered = False  # whether efforts came since this was last set to False
+        self.answered = self.paired = False  # whether efforts came since await_answer; whether they say to which state
+        self._awaited = 0
+
+    def await_answer(self, stamp=0):
+        """Nothing has come yet of what is wanted: efforts that answer the state of this stamp [ns], as far as they say
+        what they answer; 0: any."""
+        self.answered, self._awaited = False, stamp
 
     def command(self, now, message):
         """std_msgs/Float64MultiArray, in the order of parameter `joints`."""
@@ -36,9 +42,14 @@ class SimulatorInputs:
                 f"commands has {len(message.data)} values: {len(names)} are needed, one for each of {', '.join(names)}"
             )
         self._push(now, self._simulated.joints, np.asarray(message.data))
+        self.paired = False
 
     def named_efforts(self, now, message):
-        """sensor_msgs/JointState: efforts of the joints that it names."""
+        """sensor_msgs/JointState: efforts of the joints that it names. What answers an earlier state than the one that
+        is awaited comes too late, and is left."""
+        stamp = nanoseconds(message.header.stamp)
+        if 0 < stamp < self._awaited:
+            return
         if len(message.effort) != len(message.name):
             raise QuestionError(f"effort has {len(message.effort)} efforts for {len(message.name)} names")
         names = [resolve("joint", name, self._simulated.joint_names, self._namespace) for name in message.name]
@@ -46,6 +57,7 @@ class SimulatorInputs:
             raise QuestionError("effort names a joint more than once")
         places = [self._simulation.joint_names.index(name) for name in names]
         self._push(now, places, np.asarray(message.effort))
+        self.paired = stamp > 0
 
     def _push(self, now, places, values):
         if not np.isfinite(values).all():

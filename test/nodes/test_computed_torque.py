@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.nodes.computed_torque import ComputedTorque
-from robot_dynamics.nodes.messages import write_twist
+from robot_dynamics.nodes.messages import nanoseconds, write_twist
 
 LIBRARY = Dynamics(load_robot("panda"), compiled=False)
 LIMITS = np.array([87.0] * 4 + [12.0] * 3)
@@ -46,6 +46,7 @@ def test_efforts_hold_the_robot_in_the_order_of_the_joints_and_by_name(stand):
     np.testing.assert_allclose(last(made), expected[order], atol=1e-9)
     assert list(made.efforts[-1].name) == [PANDA[k] for k in order]
     np.testing.assert_allclose(made.efforts[-1].effort, expected[order], atol=1e-9)
+    assert {nanoseconds(effort.header.stamp) for effort in made.efforts[-10:]} < set(made.heard)  # what they answer
     # names that change, and joints of other robots beside
     other = Q + 0.1
     settled = lambda: np.abs(last(made) - LIBRARY.gravity(other)[order]).max() < 1e-9  # noqa: E731

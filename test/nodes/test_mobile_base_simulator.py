@@ -7,6 +7,7 @@ from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from peers.wheeled_robots import DifferentialDrive
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Base, load_robot
@@ -211,6 +212,41 @@ def test_each_step_waits_for_efforts_where_it_is_told_to(start):
         state = library.advance(1, efforts=EFFORTS * k)
     node.caller.spin(0.2)
     assert seconds(node.joint_states[-1].header.stamp) == pytest.approx(0.010)
+    np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
+
+
+def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an_earlier_state(start):
+    node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
+    library = Simulation(load_robot("ur5e"))
+    steps = lambda: round(seconds(node.joint_states[-1].header.stamp) * 1e3) if node.joint_states else 0  # noqa: E731
+
+    def answer(step, efforts):
+        stamped = Header(stamp=Time(nanosec=step * 10**6))
+        node.publish("effort", JointState(header=stamped, name=library.joint_names, effort=efforts.tolist()))
+
+    def answered_until(step, efforts):
+        def there():
+            if steps() < step:
+                answer(step - 1, efforts)
+            return steps() >= step
+
+        node.wait_until(there, f"step {step}")
+
+    def commanded():
+        node.command(EFFORTS)
+        return steps() > 0
+
+    node.wait_until(commanded, "steps")
+    node.caller.spin(0.2)
+    first = steps()
+    answered_until(first + 1, EFFORTS)
+    for _ in range(5):  # late answers to the state before
+        answer(first, 9 * EFFORTS)
+    node.caller.spin(0.3)
+    assert steps() == first + 1
+    answered_until(first + 2, 2 * EFFORTS)
+    for scale in [1] * (first + 1) + [2]:
+        state = library.advance(1, efforts=EFFORTS * scale)
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
 
 

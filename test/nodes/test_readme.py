@@ -228,7 +228,7 @@ def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
 
 
 def test_simulators_of_the_readme_run_and_take_its_messages(caller):
-    started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/commands" not in command[-1]]
+    started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" not in command[-1]]
     said = [command for command in words("ros2 topic pub") if "/mobile_base_simulator/" in command[3]]
     assert len(started) == 2 and len(said) == 2
     for command in started:
@@ -248,7 +248,7 @@ def test_simulators_of_the_readme_run_and_take_its_messages(caller):
 
 
 def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(caller):
-    (simulator,) = [command for command in words(".venv/bin/mobile_base_simulator") if "~/commands" in command[-1]]
+    (simulator,) = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" in command[-1]]
     controller = words(".venv/bin/computed_torque")[-1]
     posture = yaml.safe_load(words("ros2 topic pub --once /computed_torque/reference")[0][6])
     remapped = dict([simulator[-1].split(":=")])
