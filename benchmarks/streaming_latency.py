@@ -30,8 +30,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.law import Law
-from robot_dynamics.nodes.computed_torque import LATEST
-from robot_dynamics.nodes.control_outputs import SHALLOW
+from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
 from robot_dynamics.nodes.running import run, running_node, stop
 
 DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)  # what is lost is not lost here
@@ -48,7 +47,7 @@ class Relay(Node):
         super().__init__("relay")
         self._message = Float64MultiArray(data=array("d", bytes(56)))
         self._publisher = self.create_publisher(Float64MultiArray, "~/commands", SHALLOW)
-        self._subscription = self.create_subscription(JointState, "joint_states", self._answer, LATEST)
+        self._subscription = self.create_subscription(JointState, "joint_states", self._answer, STREAMED)
 
     def _answer(self, message):
         self._message.data = message.position

@@ -12,7 +12,6 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -25,13 +24,13 @@ from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, 
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.joint_states import JointStateReader
 from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.qualities import STREAMED
 from robot_dynamics.nodes.references import read_point, read_reference
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
 
 RCLError = rclpy_implementation.RCLError
-LATEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 TICK = 0.005  # [s] between looks at the age of the state, at most
 ANOTHER_CLOCK = 10.0  # [s] of age that no delay explains
 SWITCH = 2e-4  # [s] after which a thread that loads a robot lets the one that streams go on
@@ -75,10 +74,10 @@ class ComputedTorque(LifecycleNode):
         self._outputs = ControlOutputs(self)
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscriptions_held = [
-            self.create_subscription(JointState, "joint_states", self._on_joint_states, LATEST, **OVERRIDABLE),
-            self.create_subscription(Odometry, "odom", self._on_odom, LATEST, **OVERRIDABLE),
+            self.create_subscription(JointState, "joint_states", self._on_joint_states, STREAMED, **OVERRIDABLE),
+            self.create_subscription(Odometry, "odom", self._on_odom, STREAMED, **OVERRIDABLE),
             self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
-            self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, LATEST),
+            self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, STREAMED),
         ]
         self._timer = self.create_timer(self._tick_period(), self._on_tick)
 

@@ -3,13 +3,13 @@
 from array import array
 
 import numpy as np
-from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-SHALLOW = QoSProfile(depth=1)
+from robot_dynamics.nodes.qualities import SHALLOW
+
 OVERRIDABLE = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
 
 

@@ -11,7 +11,6 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -22,6 +21,7 @@ from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes import simulator_outputs as told
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
@@ -33,8 +33,6 @@ try:
 except ImportError:  # odom tells the same
     TFMessage = None
 
-LATEST = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-SHALLOW = QoSProfile(depth=1)
 TICK = 0.001  # [s] between looks at what is due
 MOST_AT_ONCE = 0.02  # [s] of the machine that one look may take: then messages are heard again
 AGAIN = 0.05  # [s] of the machine after which the state is told again where time stands still
@@ -82,9 +80,9 @@ class MobileBaseSimulator(Node):
         self._heard = [
             self.create_subscription(kind, topic, self._taking(topic, take), quality)
             for kind, topic, take, quality in (
-                (Float64MultiArray, "~/commands", SimulatorInputs.command, LATEST),
-                (JointState, "~/effort", SimulatorInputs.named_efforts, LATEST),
-                (twist, "cmd_vel", SimulatorInputs.drive, LATEST),
+                (Float64MultiArray, "~/commands", SimulatorInputs.command, STREAMED),
+                (JointState, "~/effort", SimulatorInputs.named_efforts, STREAMED),
+                (twist, "cmd_vel", SimulatorInputs.drive, STREAMED),
                 (WrenchStamped, "~/external_wrench", SimulatorInputs.wrench, 10),
                 (JointTrajectory, "~/reference", SimulatorInputs.reference, 1),
             )

@@ -4,7 +4,6 @@ import traceback
 
 import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
@@ -12,8 +11,8 @@ from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamics
 from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.library import read_file, read_robot
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
+from robot_dynamics.nodes.qualities import LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 BASES = {"": None, "fixed": False, "moving": True}
 
 # name: (default, what it is)

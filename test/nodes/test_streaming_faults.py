@@ -15,16 +15,15 @@ import numpy as np
 import peers
 import pytest
 from nodes.stand import PANDA, Q, Stand, to_time, trajectory
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
 from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.qualities import LATCHED
 from robot_dynamics.nodes.running import running_node
 
 PUBLISHER = Path(peers.__file__).with_name("state_publisher.py")
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 GRAVITY = Dynamics(load_robot("panda"), compiled=False).gravity(Q)
 LIMITS = np.array([30.0] * 4 + [10.0] * 3)
 HELD = np.clip(GRAVITY, -LIMITS, LIMITS)
