@@ -8,20 +8,22 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.natural_frequencies import Elastodynamics
-from robot_dynamics.nodes.messages import (
-    nanoseconds,
+from robot_dynamics.nodes.joint_trajectories import (
     read_accelerations,
-    read_base,
-    read_base_point,
     read_efforts,
-    read_pose,
     read_positions,
     read_velocities,
+    write_trajectory,
+)
+from robot_dynamics.nodes.messages import (
+    nanoseconds,
+    read_base,
+    read_base_point,
+    read_pose,
     read_wrenches,
     require_empty,
     write_base,
     write_reactions,
-    write_trajectory,
 )
 from robot_dynamics.nodes.names import match_joints
 from robot_dynamics.nodes.platform import (
