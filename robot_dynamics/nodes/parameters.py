@@ -32,14 +32,14 @@ def typed_as(default, name, value, description):
         )
     size = np.size(default)
     try:
-        numbers = np.array(value, dtype=float)
+        found = np.array(value, dtype=float)
     except (TypeError, ValueError):
-        numbers = np.array("none")
+        found = np.array("none")
     texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list | tuple) else [value]))
-    if numbers.dtype.kind != "f" or texts or numbers.shape != np.shape(default):
+    if found.dtype.kind != "f" or texts or found.shape != np.shape(default):
         need = "a number is" if isinstance(default, float) else f"{size} numbers are"
         raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {description}")
-    return numbers.tolist()
+    return found.tolist()
 
 
 def listed(value):
