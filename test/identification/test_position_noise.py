@@ -95,5 +95,5 @@ def test_half_the_cutoff_tells_who_is_biased():
     moved = {noise: np.mean([np.abs(fit.values - other.values) > 2 * other.deviations for fit, other in
                              zip(fits(noise, 8.0, 1.0), fits(noise, 4.0, 1.0), strict=True)])
              for noise in (SMALL, LARGE)}  # fmt: skip
-    print(f"with half the cut-off move {100 * moved[SMALL]:.1f} % of parameters, {100 * moved[LARGE]:.1f} % where biased")
+    print(f"with half the cut-off {100 * moved[SMALL]:.1f} % of parameters move, biased {100 * moved[LARGE]:.1f} %")
     assert moved[SMALL] < 0.05 and moved[LARGE] > 0.2

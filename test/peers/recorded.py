@@ -51,6 +51,13 @@ def panda_model():
     return pin.buildModelFromXML(shipped_robots()["panda"].read_text())
 
 
+def loaded_panda(mass, centre=(0.0, 0.0, 0.1), moment=0.0):
+    """Model of a Panda that carries a body: mass [kg], its centre in the last link [m], moments of inertia about it."""
+    model = panda_model()
+    model.appendBodyToJoint(7, pin.Inertia(mass, np.array(centre), moment * np.eye(3)), pin.SE3.Identity())
+    return model
+
+
 def message(time, names, position, velocity=(), effort=()):
     """A JointState of `rosbags`, `time` [s] after BEGINNING."""
     types = STORE.types
