@@ -6,7 +6,6 @@ from array import array
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -17,7 +16,8 @@ from std_srvs.srv import Trigger
 from robot_dynamics.commands.replay_check import check_text
 from robot_dynamics.errors import QuestionError, RecordingError, RobotDynamicsError
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics
-from robot_dynamics.nodes.robot_source import RobotSource, typed_as
+from robot_dynamics.nodes.parameters import declare, judged, names, typed_as
+from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
 from robot_dynamics.replay.drives import load_drives
 from robot_dynamics.replay.joint_sample import joint_sample
@@ -58,8 +58,7 @@ class ReplayCheck(Node):
         self._check, self._dynamics, self._ended = None, None, True
         self._heard = self._refused = 0
         self._trouble = self._last_refusal = ""
-        for name, (default, description) in PARAMETERS.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=description, dynamic_typing=True))
+        declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._candidate = None
         self._robot = RobotSource(self, adopted=self._adopt)
@@ -98,16 +97,16 @@ class ReplayCheck(Node):
 
     def _before_change(self, parameters):
         told = {each.name: each.value for each in parameters if each.name in PARAMETERS}
-        try:
+
+        def change():
             for name in set(told) & set(FIXED):
                 raise QuestionError(f"parameter {name} is read when the node begins: start it anew")
             values = {**self._values, **{name: checked(name, value) for name, value in told.items()}}
             if told and self._dynamics is not None:
                 self._begun(self._dynamics, values)
-        except RobotDynamicsError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self._candidate = values
-        return SetParametersResult(successful=True)
+            self._candidate = values
+
+        return judged(change)
 
     def _after_change(self, parameters):
         if any(each.name in PARAMETERS for each in parameters):
@@ -277,10 +276,7 @@ def checked(name, value):
     """The value of a parameter in its type. Raises QuestionError."""
     default, description = PARAMETERS[name]
     if name == "topics":
-        values = [] if isinstance(value, str) and not value else np.ravel(value).tolist()
-        if not all(isinstance(item, str) and item for item in values):
-            raise QuestionError(f"parameter topics is {value!r}: a list of names is needed")
-        return tuple(dict.fromkeys(values))
+        return tuple(dict.fromkeys(names(name, value)))
     value = typed_as(default, name, value, description)
     if name in LEAST and not (LEAST[name] <= value < 1e6 or (value == 0 and default == 0)):
         raise QuestionError(f"parameter {name} is {value:g}: {LEAST[name]:g} or more is needed, {description}")
