@@ -26,16 +26,32 @@ class EffortColumns:
         vars(self).update(state)
         self.dynamics.compile("regressor")
 
+    def of(self, recording):
+        """The columns of one recording: all have the same."""
+        return self
+
+    def efforts(self, motion):
+        """(N, n) what the columns of a Motion make up: unfiltered efforts."""
+        return motion.unfiltered
+
     def rows(self, motion):
         """(N, n, P) of a Motion."""
         return self.rows_at(motion.q, motion.qd, motion.qdd)
 
     def rows_at(self, q, qd, qdd):
         """(N, n, P) of positions, velocities and accelerations (N, n)."""
+        return self.rows_of(self.regressor(q, qd, qdd), qd, qdd)
+
+    def regressor(self, q, qd, qdd):
+        """Y (N, n, p) of Dynamics.parameter_names, less gravity where efforts exclude it."""
         Y = self.dynamics.regressor(q, qd, qdd)
-        if self.drives.excludes_gravity:
-            still = np.zeros_like(qd)
-            Y = Y - self.dynamics.regressor(q, still, still)
+        if not self.drives.excludes_gravity:
+            return Y
+        still = np.zeros_like(qd)
+        return Y - self.dynamics.regressor(q, still, still)
+
+    def rows_of(self, Y, qd, qdd):
+        """(N, n, P) of a regressor Y (N, n, p), velocities and accelerations (N, n)."""
         n = Y.shape[1]
         offsets = np.broadcast_to(np.eye(n), (len(Y), n, n))
         coupled = self.drives.coupling_columns(qd, qdd)

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import Twist
 from nodes.stand import Stand
-from peers.recorded import messages, panda_motion, write_bag
+from peers.recorded import loaded_panda, messages, panda_motion, write_bag
 from rosidl_parser.definition import AbstractSequence, NamespacedType
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -146,7 +146,8 @@ def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
     found = Dynamics(load_robot(mast)).elastodynamics.frequencies([0.0, 0.0])
     assert 1 < found[0] < 20 and not load_robot(mast).warnings
-    write_bag(tmp_path / "run", messages(panda_motion(duration=12.0)))
+    for name, model in (("run", None), ("run_loaded", loaded_panda(2.5))):
+        write_bag(tmp_path / name, messages(panda_motion(duration=12.0, model=model)))
     commands = [command for command in COMMANDS if command.startswith(".venv/bin/robot-dynamics")]
     for command in commands:
         program = Path(sys.executable).with_name("robot-dynamics")
@@ -157,7 +158,7 @@ def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     assert (arm.joints[1].placement[0, 3], longer.joints[1].placement[0, 3]) == (0.4, 0.5)
     assert [joint.role for joint in arm.joints] == ["actuated", "elastic"] and not arm.warnings
     assert Dynamics(panda, compiled=False).joint_names == Dynamics(load_robot("panda"), compiled=False).joint_names
-    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 18
+    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 19
     assert "passed" in (tmp_path / "report.html").read_text()
     assert "longer.yaml" in README and (tmp_path / "mdh.schema.json").read_text().startswith("{")
 

@@ -28,13 +28,14 @@ class Motion(NamedTuple):
     efforts: np.ndarray
 
 
-def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0):
-    """Fourier series of up to 0.5 Hz about the middle of the joints, exact derivatives; efforts by Pinocchio."""
+def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0):
+    """Fourier series of up to 0.5 Hz times `speed` about the middle of the joints, exact derivatives; efforts by
+    Pinocchio."""
     rng, times = np.random.default_rng(seed), start + np.arange(int(duration * rate)) / rate
     q, qd, qdd = (np.zeros((len(times), 7)) for _ in range(3))
     q += MIDDLE
     for frequency in (0.1, 0.2, 0.35, 0.5):
-        w = 2 * np.pi * frequency
+        w = 2 * np.pi * frequency * speed
         amplitude, phase = rng.uniform(0.1, 0.3, 7), rng.uniform(0, 2 * np.pi, 7)
         angles = w * times[:, None] + phase
         q += amplitude * np.sin(angles)
@@ -48,6 +49,13 @@ def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, mo
 
 def panda_model():
     return pin.buildModelFromXML(shipped_robots()["panda"].read_text())
+
+
+def loaded_panda(mass, centre=(0.0, 0.0, 0.1), moment=0.0):
+    """Model of a Panda that carries a body: mass [kg], its centre in the last link [m], moments of inertia about it."""
+    model = panda_model()
+    model.appendBodyToJoint(7, pin.Inertia(mass, np.array(centre), moment * np.eye(3)), pin.SE3.Identity())
+    return model
 
 
 def message(time, names, position, velocity=(), effort=()):
