@@ -17,7 +17,8 @@ def add_recording_arguments(parser, recordings):
     parser.add_argument("--drives", metavar="FILE",
                         help="YAML: motors and their ratios, gains, offsets; see config/drives")  # fmt: skip
     parser.add_argument("--topic", action="append", default=[], metavar="TOPIC",
-                        help="topic to read, several times for several; default: all of JointState")  # fmt: skip
+                        help="topic to read, several times for several; default: all of JointState, "
+                        "and the one of Odometry where the base of the robot moves")  # fmt: skip
     parser.add_argument("--cutoff", type=float, metavar="HZ",
                         help="of the low-pass filter; default 8, or a fifth of the rate")  # fmt: skip
     parser.add_argument("--rate", type=float, metavar="HZ", help="of the grid; default: as recorded")
@@ -34,4 +35,4 @@ def opened(told, paths):
         raise RecordingError(f"--rate {told.rate:g}: samples per second are needed")
     dynamics = Dynamics(robot_of(told))
     drives = load_drives(told.drives, dynamics.joint_names)
-    return dynamics, [open_recording(path, drives, told.topic) for path in paths]
+    return dynamics, [open_recording(path, drives, told.topic, dynamics.robot.moving_base) for path in paths]

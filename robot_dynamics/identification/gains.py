@@ -53,7 +53,7 @@ class LoadedColumns:
 
     def rows(self, motion):
         """(N, k, P + UNKNOWN payloads + 1) of a Motion."""
-        Y = self.columns.regressor(motion.q, motion.qd, motion.qdd)
+        Y = self.columns.regressor(motion.q, motion.qd, motion.qdd, motion.base)
         parts = [self.columns.rows_of(Y, motion.qd, motion.qdd)]
         known = np.zeros((*Y.shape[:2], 1))
         for payload in self.payloads:
@@ -89,7 +89,7 @@ class UnloadedColumns:
         if self.here is None:
             return motion.unfiltered
         payload, parameters = self.here
-        Y = self.columns.regressor(motion.q, motion.qd, motion.qdd)
+        Y = self.columns.regressor(motion.q, motion.qd, motion.qdd, motion.base)
         return motion.unfiltered - payload_columns(self.columns.dynamics, payload, Y) @ parameters
 
     def rows(self, motion):

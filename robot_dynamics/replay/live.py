@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from robot_dynamics.errors import RecordingError
+from robot_dynamics.errors import QuestionError, RecordingError
 from robot_dynamics.replay.alignment import Assembly
 from robot_dynamics.replay.checking import Check, Predictor, effort_limits, judged
 from robot_dynamics.replay.comparison import WINDOW, Comparison
@@ -65,6 +65,8 @@ class LiveCheck:
     """
 
     def __init__(self, dynamics, drives, tolerances, *, cutoff=None, rate=None, span=SPAN):
+        if dynamics.robot.moving_base:
+            raise QuestionError(f"{dynamics.robot.name!r} has a moving base: joint states do not tell how it moves")
         self._predictor, self._tolerances, self._span = Predictor(dynamics, drives), tolerances, span
         self.dynamics, self.drives, self.tally = dynamics, drives, Tally()
         self._assembly = Assembly(drives.names, self.tally, rate)

@@ -81,7 +81,7 @@ def examined(recording, questions, *, watch=None, takers=()):
 
 def _outcome(questions, path):
     try:
-        recording = open_recording(path, questions.drives, questions.topics)
+        recording = open_recording(path, questions.drives, questions.topics, questions.dynamics.robot.moving_base)
         return Outcome(str(path), *examined(recording, questions))
     except RobotDynamicsError as error:
         return Outcome(str(path), refusal=str(error))

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from robot_dynamics.model.library import shipped_robots
 
@@ -72,6 +73,19 @@ def message(time, names, position, velocity=(), effort=()):
 def messages(motion, names=JOINTS):
     return [message(*row[:1], names, *row[1:])
             for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)]  # fmt: skip
+
+
+def odometry(time, pose, twist):
+    """An Odometry of `rosbags`: pose (4, 4) and twist (6,) of a base, `time` [s] after BEGINNING."""
+    types = STORE.types
+    kinds = {name: types[f"geometry_msgs/msg/{name}"] for name in (
+        "Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")}  # fmt: skip
+    header = message(time, (), ()).header
+    turned = kinds["Quaternion"](*Rotation.from_matrix(pose[:3, :3]).as_quat())
+    placed = kinds["PoseWithCovariance"](kinds["Pose"](kinds["Point"](*pose[:3, 3]), turned), np.zeros(36))
+    moved = kinds["Twist"](kinds["Vector3"](*twist[:3]), kinds["Vector3"](*twist[3:]))
+    of_twist = kinds["TwistWithCovariance"](moved, np.zeros(36))
+    return types["nav_msgs/msg/Odometry"](header, "base_body", placed, of_twist)
 
 
 def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states"):

@@ -1,0 +1,137 @@
+"""Recordings of a robot whose base moves: an arm flies, simulated, pushed about under weight; efforts by Pinocchio.
+Odometry tells how the base moves, eight times slower than the joints."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from peers.flying_arm import flying
+from peers.recorded import message, messages, odometry, panda_motion, write_bag
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.commands.main import main
+from robot_dynamics.errors import QuestionError, RecordingError
+from robot_dynamics.identification.base_parameters import base_parameters
+from robot_dynamics.identification.effort_columns import effort_columns
+from robot_dynamics.identification.motions import random_motions
+from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.replay.checking import check
+from robot_dynamics.replay.drives import direct_drives
+from robot_dynamics.replay.live import LiveCheck
+from robot_dynamics.replay.recordings import open_recording
+from robot_dynamics.replay.tolerances import load_tolerances
+
+RATE, STRIDE = 100.0, 8  # of joint states [1/s]; of odometry one for each so many of them
+GRAVITY = (0.0, 0.0, -9.81)
+DYNAMICS = Dynamics(load_robot("free_flying_arm", gravity=list(GRAVITY)))
+NAMES = DYNAMICS.joint_names
+
+
+def swing(seed):
+    """A function of the time to positions, velocities and accelerations (6,)."""
+    chance = np.random.default_rng(seed)
+    rates = 2 * np.pi * chance.uniform(0.2, 0.7, (3, 6))
+    phases, sizes = chance.uniform(0, 6, (3, 6)), chance.uniform(0.2, 0.5, (3, 6))
+
+    def motion(time):
+        angles = rates * time + phases
+        return ((sizes * np.sin(angles)).sum(0), (sizes * rates * np.cos(angles)).sum(0),
+                -(sizes * rates**2 * np.sin(angles)).sum(0))  # fmt: skip
+
+    return motion
+
+
+def flight(seed, duration=10.0):
+    """[(topic, message)] of a flight in which thrust on the body carries its weight, and shakes it."""
+    simulation, peer = flying(GRAVITY, step=1 / RATE)
+    motion, told = swing(seed), []
+    mass = sum(link.inertia.mass for link in simulation.robot.links)
+    simulation.start(*motion(0.0)[:2])
+    for number in range(int(duration * RATE)):
+        state, time = simulation.state, number / RATE
+        up = state.pose[:3, :3].T @ (mass * np.array([0.0, 0.0, 9.81]))
+        wrench = np.concatenate([up + 0.8 * mass * np.sin([3.0 * time, 2.3 * time + 1, 1.7 * time]),
+                                 0.3 * mass * np.sin([2.1 * time, 2.9 * time + 2, 3.7 * time])])  # fmt: skip
+        inputs = {"external_wrenches": {"base_body": wrench}, "motion": motion}
+        base_acceleration, qdd = simulation.accelerations(**inputs)
+        q, qd = state.positions, state.velocities
+        demanded = peer.inertia_matrix(q) @ np.concatenate([base_acceleration, qdd])
+        efforts = (demanded + peer.bias(q, qd, state.pose, state.twist))[6:]
+        told.append(("/joint_states", message(time, NAMES, q, qd, efforts)))
+        if number % STRIDE == 0:
+            told.append(("/odom", odometry(time, state.pose, state.twist)))
+        simulation.advance(**inputs)
+    return told
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("flights")
+    return [write_bag(folder / f"flight_{seed}", flight(seed)) for seed in (1, 2)]
+
+
+def test_efforts_of_an_arm_that_flies_are_those_of_its_model(flights):
+    recording = open_recording(flights[0], direct_drives(NAMES), base=True)
+    found = check(recording, DYNAMICS, load_tolerances())
+    assert found.passed and found.comparison.samples > 900
+    normalised = [verdict.joint.normalised for verdict in found.verdicts]
+    print("normalised RMS", np.round(normalised, 4))
+    assert max(normalised) < 0.02
+
+
+def test_quaternions_that_change_their_sign_are_the_same_rotations(flights, tmp_path):
+    told = flight(1, 6.0)
+    for number, (topic, each) in enumerate(told):
+        if topic == "/odom" and number % 5 < 3:
+            q = each.pose.pose.orientation
+            q.x, q.y, q.z, q.w = -q.x, -q.y, -q.z, -q.w
+    paths = write_bag(tmp_path / "turned", told), write_bag(tmp_path / "same", flight(1, 6.0))
+    checks = [check(open_recording(path, direct_drives(NAMES), base=True), DYNAMICS, load_tolerances())
+              for path in paths]  # fmt: skip
+    rms = [[verdict.joint.rms for verdict in found.verdicts] for found in checks]
+    assert rms[0] == pytest.approx(rms[1], rel=1e-9) and checks[0].passed
+
+
+def test_the_commands_check_and_identify_it(flights, tmp_path, capsys):
+    """By a description with a gripper that it does not have, which fails."""
+    wrong, fitted, drives = (str(tmp_path / name) for name in ("wrong.yaml", "fitted.yaml", "drives.yaml"))
+    robot = DYNAMICS.robot.with_payload("arm_tool0", Inertia(1.5, np.array([0.0, 0.0, 0.15])))
+    Path(wrong).write_text(write_mdh_yaml(robot))
+    paths = list(map(str, flights))
+    assert main(["replay-check", *paths, "--robot", wrong]) == 3
+    told = ["identify", paths[0], "--validate", paths[1], "--robot", wrong]
+    assert main([*told, "--output", fitted, "--output-drives", drives]) == 0
+    capsys.readouterr()
+    assert main(["replay-check", paths[1], "--robot", fitted, "--drives", drives]) == 0
+    assert main(["replay-check", paths[1], "--robot", wrong, "--topic", "/odom", "--topic", "/joint_states"]) == 3
+
+
+def test_base_parameters_of_efforts_of_joints_leave_out_what_only_the_base_feels():
+    """The body that flies is in the regressor, but its own inertia in none of the rows of the joints."""
+    columns, whole = effort_columns(DYNAMICS, direct_drives(NAMES)), base_parameters(DYNAMICS)
+    assert columns.inertial < sum(not name.startswith(("Fv", "Fs")) for name in np.array(whole.names)[whole.kept])
+    motions = random_motions(DYNAMICS, 50, seed=3)
+    rows = columns.rows_at(motions.q, motions.qd, motions.qdd, motions.base)
+    efforts = DYNAMICS.inverse(motions.q, motions.qd, motions.qdd, base=motions.base)
+    values = np.concatenate([columns.from_parameters @ DYNAMICS.parameters, np.zeros(6)])
+    assert np.abs(rows @ values - efforts).max() < 1e-8 * np.abs(efforts).max()
+
+
+def test_what_does_not_tell_how_the_base_moves_is_refused(flights, tmp_path):
+    drives = direct_drives(NAMES)
+    still = write_bag(tmp_path / "still", messages(panda_motion(2.0)))
+    with pytest.raises(RecordingError, match="it has no topic of nav_msgs/msg/Odometry"):
+        open_recording(still, drives, base=True)
+    twice = write_bag(tmp_path / "twice", [*flight(1, 0.2), ("/slam", odometry(0.2, np.eye(4), np.zeros(6)))])
+    with pytest.raises(RecordingError, match="name one of /odom, /slam"):
+        open_recording(twice, drives, base=True)
+    assert open_recording(twice, drives, ["/odom"], base=True).topics == ("/joint_states", "/odom")
+    table = tmp_path / "table.csv"
+    table.write_text("time,a.position,a.effort\n0,0,0\n")
+    with pytest.raises(RecordingError, match="only a bag tells"):
+        open_recording(table, drives, base=True)
+    with pytest.raises(QuestionError, match=r"the base of .* moves: give its state"):
+        check(open_recording(flights[0], drives), DYNAMICS, load_tolerances())
+    with pytest.raises(QuestionError, match="has a moving base"):
+        LiveCheck(DYNAMICS, drives, load_tolerances())
