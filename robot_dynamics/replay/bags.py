@@ -67,10 +67,10 @@ class Bag:
             raise RecordingError(f"{self.path}: the base of the robot moves, and how must be recorded: {told}")
         return found
 
-    def samples(self, topics):
-        """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the base."""
+    def samples(self, topics, base=None):
+        """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the link `base`."""
         store, unread = get_typestore(Stores.ROS2_JAZZY), 0
-        odometry = OdometryReader()
+        odometry = OdometryReader(base)
         for topic, recorded, data in self._messages(topics):
             try:
                 message = store.deserialize_cdr(data, self.topics[topic])

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robot_dynamics.errors import RecordingError
 from robot_dynamics.question import Base
 from robot_dynamics.replay.joint_sample import JointSample
 from robot_dynamics.replay.signals import differentiated, lowpass
@@ -17,13 +18,20 @@ class OdometryReader:
     """Makes JointSamples of nav_msgs Odometry, in which SIGNALS stand as positions of joints would.
 
     A quaternion and its negative are the same rotation: they come without a jump, so that they can be interpolated.
+    link: name of the base link, whose pose and twist are needed.
     """
 
-    def __init__(self):
+    def __init__(self, link):
+        self.link = link
         self._before = np.array([0.0, 0.0, 0.0, 1.0])
 
     def sample(self, source, recorded, message):
-        """The JointSample of a message, with nan where its quaternion is none."""
+        """The JointSample of a message, with nan where its quaternion is none. Raises RecordingError where it tells of
+        another frame."""
+        if message.child_frame_id.rpartition("/")[2] not in ("", self.link):
+            raise RecordingError(
+                f"{source} tells how {message.child_frame_id!r} moves: {self.link!r} is the base of the robot"
+            )
         stamp, pose, twist = message.header.stamp, message.pose.pose, message.twist.twist
         q = np.array([getattr(pose.orientation, axis) for axis in "xyzw"])
         length = np.linalg.norm(q)

@@ -15,12 +15,12 @@ from robot_dynamics.replay.tally import Tally
 @dataclass(frozen=True, eq=False)
 class Recording:
     """What was recorded of a robot: a Bag or Table, the topics of it that count, and the Drives of its signals; base:
-    whether one of the topics tells how the base moves."""
+    name of the base link where it moves, and one of the topics tells how; else None."""
 
     source: object
     topics: tuple
     drives: object
-    base: bool = False
+    base: str | None = None
 
     def __reduce__(self):
         """Sent to other processes as where it is, to be opened there."""
@@ -44,8 +44,8 @@ class Recording:
 
     def stretches(self, tally=None, rate=None, watch=None):
         """Yield the Stretches of the signals; watch: takes and gives an iterator of messages, to show progress."""
-        samples = self.source.samples(self.topics)
-        names = self.drives.names + (SIGNALS if self.base else ())
+        samples = self.source.samples(self.topics, self.base)
+        names = self.drives.names + (SIGNALS if self.base is not None else ())
         return stretches(samples if watch is None else watch(samples), names, tally, rate)
 
     def motions(self, tally=None, *, cutoff=None, rate=None, watch=None):
@@ -59,11 +59,11 @@ class Recording:
             raise RecordingError(f"{self.name}: nothing is left to look at. {told or 'It has no message'}")
 
 
-def open_recording(path, drives, topics=(), base=False):
+def open_recording(path, drives, topics=(), base=None):
     """The Recording at a path: a bag (folder or file), a CSV file, or a folder of those that drives tell.
 
-    topics: names of the topics to be read; none: all with joint states. base: whether the base of the robot moves: then
-    a topic with odometry is read too. Raises RecordingError.
+    topics: names of the topics to be read; none: all with joint states. base: name of the base link where it
+    moves: then a topic with odometry is read too. Raises RecordingError.
     """
     path = Path(path)
     try:
@@ -75,8 +75,13 @@ def open_recording(path, drives, topics=(), base=False):
             source = Table(path, drives.tables)
         else:
             source = Bag(path)
-        of_base = source.base_topics(topics) if base else []
+        of_base = source.base_topics(topics) if base is not None else []
         joints = source.joint_topics([topic for topic in topics if topic not in of_base])
         return Recording(source, (*joints, *of_base), drives, base)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def moving_base(dynamics):
+    """Name of the base link of the robot of a Dynamics where it moves, else None: what `open_recording` is to know."""
+    return dynamics.robot.base_link if dynamics.robot.moving_base else None

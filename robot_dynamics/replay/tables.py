@@ -44,7 +44,7 @@ class Table:
     def base_topics(self, wanted=()):
         raise RecordingError(f"{self.path} is a table: how the base of the robot moves, only a bag tells")
 
-    def samples(self, topics):
+    def samples(self, topics, base=None):
         """Yield the JointSamples, row by row."""
         stamps, number = self._stamps(), 0
         for rows in self._chunks():

@@ -25,7 +25,7 @@ from robot_dynamics.replay.tolerances import load_tolerances
 RATE, STRIDE = 100.0, 8  # of joint states [1/s]; of odometry one for each so many of them
 GRAVITY = (0.0, 0.0, -9.81)
 DYNAMICS = Dynamics(load_robot("free_flying_arm", gravity=list(GRAVITY)))
-NAMES = DYNAMICS.joint_names
+NAMES, BASE = DYNAMICS.joint_names, "base_body"
 
 
 def swing(seed):
@@ -72,7 +72,7 @@ def flights(tmp_path_factory):
 
 
 def test_efforts_of_an_arm_that_flies_are_those_of_its_model(flights):
-    recording = open_recording(flights[0], direct_drives(NAMES), base=True)
+    recording = open_recording(flights[0], direct_drives(NAMES), base=BASE)
     found = check(recording, DYNAMICS, load_tolerances())
     assert found.passed and found.comparison.samples > 900
     normalised = [verdict.joint.normalised for verdict in found.verdicts]
@@ -87,7 +87,7 @@ def test_quaternions_that_change_their_sign_are_the_same_rotations(flights, tmp_
             q = each.pose.pose.orientation
             q.x, q.y, q.z, q.w = -q.x, -q.y, -q.z, -q.w
     paths = write_bag(tmp_path / "turned", told), write_bag(tmp_path / "same", flight(1, 6.0))
-    checks = [check(open_recording(path, direct_drives(NAMES), base=True), DYNAMICS, load_tolerances())
+    checks = [check(open_recording(path, direct_drives(NAMES), base=BASE), DYNAMICS, load_tolerances())
               for path in paths]  # fmt: skip
     rms = [[verdict.joint.rms for verdict in found.verdicts] for found in checks]
     assert rms[0] == pytest.approx(rms[1], rel=1e-9) and checks[0].passed
@@ -122,15 +122,18 @@ def test_what_does_not_tell_how_the_base_moves_is_refused(flights, tmp_path):
     drives = direct_drives(NAMES)
     still = write_bag(tmp_path / "still", messages(panda_motion(2.0)))
     with pytest.raises(RecordingError, match="it has no topic of nav_msgs/msg/Odometry"):
-        open_recording(still, drives, base=True)
+        open_recording(still, drives, base=BASE)
     twice = write_bag(tmp_path / "twice", [*flight(1, 0.2), ("/slam", odometry(0.2, np.eye(4), np.zeros(6)))])
     with pytest.raises(RecordingError, match="name one of /odom, /slam"):
-        open_recording(twice, drives, base=True)
-    assert open_recording(twice, drives, ["/odom"], base=True).topics == ("/joint_states", "/odom")
+        open_recording(twice, drives, base=BASE)
+    assert open_recording(twice, drives, ["/odom"], base=BASE).topics == ("/joint_states", "/odom")
+    other = DYNAMICS.robot.base_link.replace("body", "footprint")
+    with pytest.raises(RecordingError, match="/odom tells how 'base_body' moves: 'base_footprint' is the base"):
+        check(open_recording(flights[0], drives, base=other), DYNAMICS, load_tolerances())
     table = tmp_path / "table.csv"
     table.write_text("time,a.position,a.effort\n0,0,0\n")
     with pytest.raises(RecordingError, match="only a bag tells"):
-        open_recording(table, drives, base=True)
+        open_recording(table, drives, base=BASE)
     with pytest.raises(QuestionError, match=r"the base of .* moves: give its state"):
         check(open_recording(flights[0], drives), DYNAMICS, load_tolerances())
     with pytest.raises(QuestionError, match="has a moving base"):
