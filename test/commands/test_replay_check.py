@@ -100,7 +100,7 @@ def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, ca
     assert "panda_joint4: predicted effort differs from the golden bag" in told and told.endswith("\nFAILED\n")
     assert "predicted efforts are those" not in told and "\npassed" not in told
     told = json.loads(figures.read_text())
-    assert told["passed"] is False and "panda_joint4" in told["golden"][0]
+    assert told["passed"] is False and any("panda_joint4" in each for each in told["golden"])
     for arguments, expected in (
         (["--write-golden", golden], "is there already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
         (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden is not there"),
