@@ -5,11 +5,13 @@
 
 The relay is a node with the same executor and quality of service that copies positions into commands and does nothing
 else: what computed_torque takes beyond it is ours. Both are asked in turns of a second, so that whatever else the
-machine does disturbs both. No two states of a turn are alike, so that each answer tells which state it answers, and a
-lost one is seen. computed_torque follows a reference in its full mode, of the Panda.
+machine does disturbs both; what is added is the median of the differences between neighbouring turns. No two states of
+a turn are alike, so that each answer tells which state it answers, and a lost one is seen. computed_torque follows a
+reference in its full mode, of the Panda.
 """
 
 import argparse
+import gc
 import os
 import subprocess
 import sys
@@ -143,6 +145,7 @@ def measure(told):
             "computed_torque": Asked(node, "/model/computed_torque", names, efforts),
         }
         hold(node, executor, "/model/computed_torque", asked["computed_torque"], q, qd)
+        gc.disable()  # pauses of the one that asks are none of the nodes'
         plans = [(rate, told.seconds) for rate in told.rates] + ([(2000.0, told.long)] if told.long else [])
         rows = [row for plan in plans for row in compared(asked, executor, *plan, q, qd)]
     print(tabulate(rows, ["rate [1/s]", "seconds", "node", "p50 [us]", "p99 [us]", "max [us]", "lost", "of"],
@@ -153,19 +156,24 @@ def measure(told):
 
 def compared(asked, executor, rate, seconds, q, qd):
     """Rows of the table for a rate."""
-    took, lost = {name: [] for name in asked}, dict.fromkeys(asked, 0)
+    turned, lost = {name: [] for name in asked}, dict.fromkeys(asked, 0)
     turns = max(1, round(seconds / TURN))
     for _ in range(turns):
         for name, one in asked.items():
             latencies, missing = turn(one, executor, rate, q, qd)
-            took[name] += latencies
+            turned[name].append(latencies)
             lost[name] += missing
+    took = {name: np.concatenate(latencies) for name, latencies in turned.items()}
     rows = [
-        [rate, turns * TURN, name, *np.percentile(took[name] or [np.nan], (50, 99, 100)), lost[name], int(rate * turns)]
+        [rate, turns * TURN, name, *np.percentile(took[name], (50, 99, 100)), lost[name], int(rate * turns)]
         for name in asked
     ]
-    bare, ours = (row[3:5] for row in rows)
-    rows.append([rate, turns * TURN, "difference", ours[0] - bare[0], ours[1] - bare[1]])
+    added = [
+        np.percentile(ours, (50, 99)) - np.percentile(bare, (50, 99))
+        for bare, ours in zip(*turned.values(), strict=True)
+        if bare and ours
+    ]
+    rows.append([rate, turns * TURN, "added", *np.median(added, axis=0)])
     return rows
 
 

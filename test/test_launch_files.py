@@ -56,7 +56,7 @@ def literal(node):
     return node.value if isinstance(node, ast.Constant) else None
 
 
-@pytest.mark.parametrize("name", ["mobile_base_simulator", "computed_torque", "closed_loop"])
+@pytest.mark.parametrize("name", ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot3_burger"])
 def test_parameter_files_hold_what_the_nodes_take(name):
     from robot_dynamics.nodes import control_parameters, simulator_parameters
 
@@ -65,7 +65,9 @@ def test_parameter_files_hold_what_the_nodes_take(name):
         module = takes[node.rpartition("/")[2]]
         assert section["ros__parameters"]
         for parameter, value in section["ros__parameters"].items():
-            if parameter != "use_sim_time":
+            if parameter == "robot_file":
+                assert value in shipped_robots()
+            elif parameter != "use_sim_time":
                 module.checked(parameter, value)
     simulator_parameters.simulated({key: simulator_parameters.checked(key, default)
                                     for key, (default, _) in simulator_parameters.PARAMETERS.items()},

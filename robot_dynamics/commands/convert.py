@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.commands.written import write_text
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats import par_writer, urdf_writer
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
@@ -43,10 +44,9 @@ def run(told):
         for read in (read_file(told.robot)[1], told.values):
             if read is not None and target.exists() and target.samefile(read):
                 raise DescriptionError(f"{target} is what was read: write to another file")
-        target.write_text(text, encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(f"{str(target)[:200]} cannot be written: {reason}") from None
+    except (OSError, ValueError):  # neither one nor the other: writing says what is wrong with the target
+        pass
+    write_text(target, text)
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
     for sentence in LOSSES.get(target.suffix, lambda robot: [])(robot):
         print(f"left out: {sentence}", file=sys.stderr)

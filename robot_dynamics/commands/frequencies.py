@@ -10,18 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_dynamics.commands.pose_arguments import assignments, grid
 from robot_dynamics.commands.progress import bar
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
 from robot_dynamics.commands.text_table import print_table
+from robot_dynamics.commands.written import check_writable, write_text, writing
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import QuestionError, unknown_name
+from robot_dynamics.errors import QuestionError
 from robot_dynamics.frequency_map import frequency_map
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.natural_frequencies import Elastodynamics
 from robot_dynamics.platform import check_coordinate, coordinates, pose_of
 
 NAME = "frequencies"
-MOST_POSES = 1_000_000
 
 
 def add_arguments(parser):
@@ -69,7 +70,7 @@ def positions(told, dynamics):
         raise QuestionError("--pose and --joints say the same twice: give one of the two")
     if told.joints is None and dynamics.robot.platforms:
         start = coordinates(dynamics.platform.pose(dynamics.closed_positions))
-        for name, value in assignments("--pose", told.pose, COORDINATES, "coordinate of a platform").items():
+        for name, value in assignments("--pose", told.pose).items():
             check_coordinate(name, dynamics.platform.free)
             start[COORDINATES.index(name)] = value
         return dynamics.platform.joints(pose_of(start))
@@ -77,44 +78,6 @@ def positions(told, dynamics):
         raise QuestionError(f"{dynamics.robot.name!r} has no platform: ask by --joints")
     given = assignments("--joints", told.joints, dynamics.joint_names, "joint")
     return dynamics.expand(np.array([given.get(name, 0.0) for name in dynamics.joint_names]))
-
-
-def assignments(option, text, known, kind):
-    """{name: number} of name=number,..."""
-    found = {}
-    for part in (text or "").split(",") if text else []:
-        name, _, value = part.partition("=")
-        if name not in known:
-            raise QuestionError(f"{option}: {unknown_name(kind, name, known)}")
-        found[name] = number(option, part, value)
-    return found
-
-
-def number(option, part, value):
-    try:
-        found = float(value)
-    except ValueError:
-        found = np.nan
-    if not np.isfinite(found):
-        raise QuestionError(f"{option}: {part!r} has no number: name=1.5 is right, in a map x:-0.1:0.1:41")
-    return found
-
-
-def axes_of(text):
-    """{coordinate: values} of x:LOW:HIGH:N,y:LOW:HIGH:N."""
-    found = {}
-    for part in text.split(","):
-        name, *numbers = part.split(":")
-        if name not in COORDINATES:
-            raise QuestionError(f"--map: {unknown_name('coordinate of a platform', name, COORDINATES)}")
-        if len(numbers) != 3 or not numbers[2].isdecimal() or int(numbers[2]) < 2:
-            raise QuestionError(f"--map: {part!r} is no axis: {name}:LOW:HIGH:N is right, with N of 2 or more")
-        found[name] = np.linspace(*(number("--map", part, value) for value in numbers[:2]), int(numbers[2]))
-    if len(found) != 2:
-        raise QuestionError(f"--map takes two coordinates, x:-0.1:0.1:41,y:-0.1:0.1:41, not {text!r}")
-    if np.prod([len(values) for values in found.values()]) > MOST_POSES:
-        raise QuestionError(f"--map of more than {MOST_POSES} poses: fewer are right")
-    return found
 
 
 def pictures():
@@ -130,15 +93,16 @@ def draw_map(told, dynamics):
     if told.joints is not None or told.held is not None:
         raise QuestionError("--map goes with --pose, which tells the other coordinates: leave out --joints and --held")
     path = output(told, "map.html", (".html", ".png"))
-    at = assignments("--pose", told.pose, COORDINATES, "coordinate of a platform")
+    axes, at = grid("--map", told.map, counts=(2,)), assignments("--pose", told.pose)
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with bar(100, "poses", "%") as progress:
-        found = frequency_map(dynamics, axes_of(told.map), at, told.count, threads, lambda share: progress(100 * share))
+        found = frequency_map(dynamics, axes, at, told.count, threads, lambda share: progress(100 * share))
     drawn = pictures()
     if path.suffix == ".png":
-        drawn.map_picture(dynamics.robot.name, found, path)
+        with writing(path):
+            drawn.map_picture(dynamics.robot.name, found, path)
     else:
-        path.write_text(drawn.map_page(dynamics.robot.name, found), encoding="utf-8")
+        write_text(path, drawn.map_page(dynamics.robot.name, found))
     print(f"{path}: {found.reached.sum()} of {found.reached.size} poses reached")
     if found.reached.any():
         ranges = [(k + 1, *(float(of(found.frequencies[..., k])) for of in (np.nanmin, np.nanmax)))
@@ -152,7 +116,7 @@ def draw_mode(told, name, elastodynamics, q, found):
     path = output(told, "mode.html", (".html",))
     rests, moves = elastodynamics.node_positions(q, found.mode_shapes[told.mode - 1])
     title = f"mode {told.mode}, {found.frequencies[told.mode - 1]:.4g} Hz"
-    path.write_text(pictures().mode_page(name, title, rests, moves, elastodynamics.segments), encoding="utf-8")
+    write_text(path, pictures().mode_page(name, title, rests, moves, elastodynamics.segments))
     print(f"{path}: {title}")
 
 
@@ -160,4 +124,5 @@ def output(told, default, suffixes):
     path = Path(told.output or default)
     if path.suffix not in suffixes:
         raise QuestionError(f"--output {path}: a file that ends with {' or '.join(suffixes)} is written")
+    check_writable(path)
     return path

@@ -8,6 +8,7 @@ at the top of the file. Code of two robots in one program needs two prefixes.
 from pathlib import Path
 
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.commands.written import write_text
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.symbolic.c_code import c_name, c_source
@@ -42,11 +43,7 @@ def run(told):
         texts = {f"{c_name(program, told.prefix)}.py": python_source(program, names, others)}
     for name, text in texts.items():
         path = Path(told.output) / name
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise DescriptionError(f"{path} cannot be written: {error.strerror}") from None
+        write_text(path, text)
         print(f"{path}: {program.name} of {robot.name!r}, {program.operations}")
 
 

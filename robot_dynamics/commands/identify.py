@@ -2,14 +2,16 @@
 
 Prints how well they fit, and how certain they are. With --output the description is written back with inertias that
 bodies can have, nearest to the fit; with --output-drives what a description has no place for: offsets of joints, and
-losses that joints feel of each other. Both are what replay-check takes.
+losses that joints feel of each other. Both are what replay-check takes. With --gains, gains of drives are found too.
 """
 
 import json
 import textwrap
+from dataclasses import replace
 
 import numpy as np
 
+from robot_dynamics.commands.known_payloads import add_gain_arguments, carried
 from robot_dynamics.commands.recording_arguments import add_recording_arguments, opened
 from robot_dynamics.commands.text_table import print_table
 from robot_dynamics.commands.workers import add_worker_arguments, workers
@@ -28,6 +30,7 @@ def add_arguments(parser):
     parser.add_argument("--method", choices=("weighted", "ordinary", "robust"), default="weighted",
                         help="of least squares (default: %(default)s)")  # fmt: skip
     parser.add_argument("--no-rotor-inertia", action="store_true", help="rotors have no parameters of their own")
+    add_gain_arguments(parser)
     parser.add_argument("--hold-out", type=float, default=0.0, metavar="PART",
                         help="the last part of each recording, 0 to 1, to validate with")  # fmt: skip
     parser.add_argument("--validate", action="append", default=[], metavar="RECORDING",
@@ -47,39 +50,48 @@ def run(told):
     from robot_dynamics.replay.drives import write_drives
 
     with workers(told) as executor:
-        fit, samples = _fitted(told, dynamics, recordings, executor)
+        fit, samples, gains = _fitted(told, dynamics, recordings, executor)
         nearest = _consistent(fit) if told.output or told.output_drives else None
         checked = None if nearest is None else samples.quality(nearest.values)
     needed = essential(fit)
     print_fit(fit, needed, checked)
+    if gains is not None:
+        print_gains(gains)
     if told.output:
         write_text(told.output, write_mdh_yaml(nearest.robot))
     if told.output_drives:
         write_text(told.output_drives, write_drives(nearest.drives))
     if told.json:
-        write_text(told.json, json.dumps(as_dict(fit, needed, checked), indent=1) + "\n")
+        write_text(told.json, json.dumps(as_dict(fit, needed, checked, gains), indent=1) + "\n")
 
 
 def _fitted(told, dynamics, recordings, executor):
-    """(Fit, Samples that were fitted) of opened recordings."""
+    """(Fit, Samples that were fitted, Gains or None) of opened recordings."""
     from robot_dynamics.commands.progress import watched
     from robot_dynamics.identification.effort_columns import effort_columns
     from robot_dynamics.identification.fitting import fitted
+    from robot_dynamics.identification.gains import LoadedColumns, found_gains
     from robot_dynamics.identification.samples import Samples
 
+    loads = carried(told, dynamics.robot, recordings)
     columns = effort_columns(dynamics, recordings[0].drives, rotor_inertia=not told.no_rotor_inertia)
 
-    def samples_of(recordings, **part):
+    def samples_of(recordings, columns, **part):
         watch = watched(len(recordings), "recordings", unit=" recordings")
         return Samples(recordings, columns, cutoff=told.cutoff, band=told.band, executor=executor, watch=watch, **part)
 
-    trained, validation = recordings[: len(told.recordings)], None
-    samples = samples_of(trained, until=1 - told.hold_out)
+    many, gains, validation = len(told.recordings), None, None
+    if told.gains:
+        loaded = LoadedColumns(columns, tuple(dict.fromkeys(loads.values())), loads)
+        gains = found_gains(samples_of(recordings[:many], loaded, until=1 - told.hold_out))
+        recordings, columns = [replace(recording, drives=gains.drives) for recording in recordings], gains.columns
+    samples = samples_of(recordings[:many], columns, until=1 - told.hold_out)
     if told.hold_out:
-        validation = samples_of(trained, after=1 - told.hold_out)
+        validation = samples_of(recordings[:many], columns, after=1 - told.hold_out)
     elif told.validate:
-        validation = samples_of(recordings[len(trained) :])
-    return fitted(samples, method=told.method, validation=validation), samples
+        validation = samples_of(recordings[many:], columns)
+    fit = fitted(samples, method=told.method, validation=validation)
+    return (fit if gains is None else gains.counted_in(fit)), samples, gains
 
 
 def _consistent(fit):
@@ -116,7 +128,14 @@ def print_fit(fit, needed, consistent):
     print_table(["parameter", "value", "deviation", "essential"], rows, "Parameters, SI")
 
 
-def as_dict(fit, needed, consistent):
+def print_gains(gains):
+    """Print Gains of drives."""
+    rows = [[name, float(f"{gain:.5g}"), float(f"{deviation:.2g}")] for name, gain, deviation in
+            zip(gains.drives.names, gains.drives.effort_gains, gains.deviations, strict=True)]  # fmt: skip
+    print_table(["motor", "gain", "deviation"], rows, "Efforts of motors by what was measured")
+
+
+def as_dict(fit, needed, consistent, gains=None):
     """Plain data, for JSON."""
 
     def quality(told):
@@ -126,9 +145,12 @@ def as_dict(fit, needed, consistent):
                    "essential": bool(essential)} for name, expression, value, deviation, essential in
                   zip(fit.columns.names, fit.columns.expressions, fit.values, fit.deviations, needed,
                       strict=True)]  # fmt: skip
+    drives = None if gains is None else [
+        {"name": name, "gain": float(gain), "deviation": float(deviation)} for name, gain, deviation in
+        zip(gains.drives.names, gains.drives.effort_gains, gains.deviations, strict=True)]  # fmt: skip
     return {
         "format": 1, "robot": fit.columns.dynamics.robot.name, "joints": list(fit.columns.dynamics.joint_names),
         "method": fit.method, "condition": fit.condition, "inertial": fit.columns.inertial, "parameters": parameters,
         "trained": quality(fit.trained), "validated": quality(fit.validated), "consistent": quality(consistent),
-        "warnings": list(fit.warnings), "notes": list(fit.notes),
+        "warnings": list(fit.warnings), "notes": list(fit.notes), "gains": drives,
     }  # fmt: skip

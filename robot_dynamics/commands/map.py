@@ -11,14 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
+from robot_dynamics.commands.pose_arguments import assignments, grid
 from robot_dynamics.commands.progress import bar
 from robot_dynamics.commands.robot_arguments import add_robot_arguments, robot_of
+from robot_dynamics.commands.written import check_writable, writing
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import DescriptionError
+from robot_dynamics.errors import QuestionError
 from robot_dynamics.pose_map import UNITS, pose_map
 
 NAME = "map"
-MOST = 2000  # values of one coordinate
 PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
@@ -36,23 +37,22 @@ def add_arguments(parser):
 
 
 def run(told):
-    axes, at = _axes(told.over), _values(told.at)
-    for path in filter(None, (told.output, told.csv)):
-        _check_folder(path)
+    axes, at = grid("--over", told.over), assignments("--at", told.at)
     if Path(told.output).suffix.lower() not in PICTURES:
-        raise DescriptionError(f"--output {told.output}: a picture is one of {', '.join(PICTURES)}")
+        raise QuestionError(f"--output {told.output}: a picture is one of {', '.join(PICTURES)}")
+    for path in filter(None, (told.output, told.csv)):
+        check_writable(path)
     dynamics = Dynamics(robot_of(told))
     dynamics.platform  # noqa: B018 (refused before anything is computed or drawn where there is none)
     found = _computed(dynamics, axes, at, told.acceleration)
     print("\n".join(_summary(found, dynamics.robot)))
     from robot_dynamics.commands.map_picture import draw  # takes half a second, which other verbs need not wait
 
-    try:
+    with writing(told.output):
         draw(told.output, found, dynamics.robot, told.acceleration)
-        if told.csv:
+    if told.csv:
+        with writing(told.csv):
             _write(told.csv, found, dynamics.robot)
-    except OSError as error:
-        raise DescriptionError(f"{error.filename or told.output} cannot be written: {error.strerror}") from None
     print(f"picture: {told.output}" + (f", table: {told.csv}" if told.csv else ""))
 
 
@@ -83,46 +83,6 @@ def _summary(found, robot):
 def effort_units(found, robot):
     """The unit of the effort of each motor."""
     return ["N" if robot.joints[robot.joint_numbers[name]].prismatic else "N m" for name in found.joint_names]
-
-
-def _axes(text):
-    """{coordinate: values} of `x:-0.1:0.1:41,z:0.7:0.9:41`."""
-    axes, parts = {}, text.split(",")
-    for part in parts:
-        try:
-            name, first, last, count = part.split(":")
-            first, last, count = float(first), float(last), int(count)
-        except ValueError:
-            raise DescriptionError(f"--over {part}: NAME:FROM:TO:COUNT is needed, such as x:-0.1:0.1:41") from None
-        if not (2 <= count <= MOST and np.isfinite([first, last]).all() and first < last):
-            raise DescriptionError(
-                f"--over {part}: a grid goes from a number to a larger one in 2 to {MOST} values, as x:-0.1:0.1:41 does"
-            )
-        axes[name.strip()] = np.linspace(first, last, count)
-    if len(parts) > 2 or len(axes) != len(parts):
-        raise DescriptionError(f"--over {text}: one or two coordinates vary in a picture, each once")
-    return axes
-
-
-def _values(text):
-    """{coordinate: value} of `z=0.8,roll=0.1`."""
-    values = {}
-    for part in filter(None, text.split(",")):
-        name, _, value = part.partition("=")
-        try:
-            values[name.strip()] = float(value)
-        except ValueError:
-            raise DescriptionError(f"--at {part}: NAME=VALUE is needed, such as z=0.8") from None
-        if not np.isfinite(values[name.strip()]):
-            raise DescriptionError(f"--at {part}: a finite value is needed")
-    return values
-
-
-def _check_folder(path):
-    """Refuse a file in no folder before hours are spent on what goes into it."""
-    folder = Path(path).parent
-    if not folder.is_dir():
-        raise DescriptionError(f"{path} cannot be written: there is no folder {str(folder)!r}")
 
 
 def _write(path, found, robot):

@@ -17,7 +17,8 @@ def add_recording_arguments(parser, recordings):
     parser.add_argument("--drives", metavar="FILE",
                         help="YAML: motors and their ratios, gains, offsets; see config/drives")  # fmt: skip
     parser.add_argument("--topic", action="append", default=[], metavar="TOPIC",
-                        help="topic to read, several times for several; default: all of JointState")  # fmt: skip
+                        help="topic to read, several times for several; default: all of JointState, "
+                        "and the one of Odometry where the base of the robot moves")  # fmt: skip
     parser.add_argument("--cutoff", type=float, metavar="HZ",
                         help="of the low-pass filter; default 8, or a fifth of the rate")  # fmt: skip
     parser.add_argument("--rate", type=float, metavar="HZ", help="of the grid; default: as recorded")
@@ -27,11 +28,11 @@ def opened(told, paths):
     """(Dynamics, the Recordings at paths) of parsed arguments. Raises RobotDynamicsError."""
     try:  # here, so that the other verbs neither need nor load what reads bags
         from robot_dynamics.replay.drives import load_drives
-        from robot_dynamics.replay.recordings import open_recording
+        from robot_dynamics.replay.recordings import moving_base, open_recording
     except ModuleNotFoundError as error:
         raise RecordingError(f"{error.name} is not installed: pip install rosbags mcap plotly tqdm") from None
     if told.rate is not None and not 0 < told.rate < 1e6:
         raise RecordingError(f"--rate {told.rate:g}: samples per second are needed")
     dynamics = Dynamics(robot_of(told))
     drives = load_drives(told.drives, dynamics.joint_names)
-    return dynamics, [open_recording(path, drives, told.topic) for path in paths]
+    return dynamics, [open_recording(path, drives, told.topic, moving_base(dynamics)) for path in paths]

@@ -94,12 +94,14 @@ class Controller:
         """Take a trajectory: times (N,) [s] of its points after `start`, points: (3, N, joints), nan where not told.
 
         Where it begins later than now, it is reached from the reference that there is, else from where the robot is. No
-        points end what is followed. Raises QuestionError where it cannot be followed; the one before stays then.
+        points end what is followed. Raises QuestionError where it cannot be followed, as beyond the limits of joints;
+        the one before stays then.
         """
         if len(times) == 0:
             self._followed, self._dropped = None, "the reference was ended"
             return
         check_points(np.asarray(times, dtype=float), *points[:2])  # before a point comes in front of them
+        self.law.check_within_limits(points[0])
         times = np.asarray(times, dtype=float) + start
         if times[-1] < now:
             raise QuestionError(
@@ -125,10 +127,12 @@ class Controller:
         return np.where(np.isnan(first), np.nan, here)
 
     def track(self, now, time, told):
-        """Take one point of a stream: told (3, joints) at a time. Raises QuestionError where it is too old."""
+        """Take one point of a stream: told (3, joints) at a time. Raises QuestionError where it is too old, or beyond
+        the limits of joints."""
         lasts = self.settings.reference_timeout
         if now - time > lasts:
             raise QuestionError(f"the point is {now - time:.3f} s old, and a point counts for {lasts:g} s")
+        self.law.check_within_limits(told[:1])
         self._take(Point(time, told, lasts))
 
     def _take(self, reference):

@@ -32,6 +32,7 @@ GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY = (
 MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
 WITHOUT_REFERENCE = ("gravity", "damp", "zero")
 TURN = 2 * np.pi
+WITHIN = 1e-6  # [rad or m] beyond a limit that is rounding
 
 
 class Law:
@@ -69,7 +70,8 @@ class Law:
         self._loops, self._all, self._all_d = bool(robot.loops), *np.zeros((2, len(robot.joints)))
         self._all[:] = self._all_d[:] = np.nan
         free = [robot.joints[self._places[name]] for name in self.joints]
-        self._turning = np.array([not j.prismatic and np.isinf([j.limits.lower, j.limits.upper]).all() for j in free])
+        self._limits = np.array([[joint.limits.lower, joint.limits.upper] for joint in free]).reshape(-1, 2).T
+        self._turning = np.array([not joint.prismatic for joint in free]) & np.isinf(self._limits).all(axis=0)
         self._turns = bool(self._turning.any())
         self.error, self.rate_error = np.zeros((2, len(self.joints)))
 
@@ -81,6 +83,17 @@ class Law:
                 new[:] = old
         if self.dynamics.robot.moving_base:
             self.twist[:], self.gravity[:] = before.twist, before.gravity
+
+    def check_within_limits(self, positions):
+        """Refuse positions (N, joints) of points that are beyond the limits of joints. Raises QuestionError."""
+        lower, upper = self._limits
+        beyond = np.argwhere((positions < lower - WITHIN) | (positions > upper + WITHIN))
+        if len(beyond):
+            point, place = beyond[0]
+            raise QuestionError(
+                f"points[{point}].positions has {positions[point, place]:.6g} for {self.joints[place]!r}: the robot's "
+                f"description limits it to {lower[place]:.6g} to {upper[place]:.6g}"
+            )
 
     def refer(self, followed, time, reference):
         """Write into reference (3, joints) what the joints should do at a time [s] to follow what is `followed`."""

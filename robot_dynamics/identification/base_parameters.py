@@ -52,15 +52,17 @@ class BaseParameters:
         return " ".join(told)
 
 
-def base_parameters(dynamics, seed=0):
+def base_parameters(dynamics, seed=0, *, of_joints=False):
     """The BaseParameters of the robot of a Dynamics, from its regressor at random motions within its limits.
 
+    of_joints: those that efforts of joints depend on, where the wrench on a moving base is not measured.
     Parameters without any effect are in none of them. Raises SingularModelError where loops hardly ever close.
     """
     names = dynamics.parameter_names
     samples = max(20, MOTIONS_PER_PARAMETER * len(names) // max(1, len(dynamics.joint_names)))
     motions = random_motions(dynamics, samples, seed)
     Y = dynamics.regressor(motions.q, motions.qd, motions.qdd, base=motions.base)
+    Y = Y[:, -motions.qd.shape[1] :] if of_joints else Y
     lengths = np.linalg.norm(Y.reshape(-1, len(names)), axis=0)
     seen = lengths > ROUNDING * lengths.max(initial=0)
     scale = np.where(seen, lengths, 1.0)  # so that parameters of different units compare

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.identification.base_parameters import BaseParameters, base_parameters
+from robot_dynamics.question import Base
 from robot_dynamics.replay.drives import LOSSES
 
 
@@ -26,16 +27,33 @@ class EffortColumns:
         vars(self).update(state)
         self.dynamics.compile("regressor")
 
+    def of(self, recording):
+        """The columns of one recording: all have the same."""
+        return self
+
+    def efforts(self, motion):
+        """(N, n) what the columns of a Motion make up: unfiltered efforts."""
+        return motion.unfiltered
+
     def rows(self, motion):
         """(N, n, P) of a Motion."""
-        return self.rows_at(motion.q, motion.qd, motion.qdd)
+        return self.rows_at(motion.q, motion.qd, motion.qdd, motion.base)
 
-    def rows_at(self, q, qd, qdd):
-        """(N, n, P) of positions, velocities and accelerations (N, n)."""
-        Y = self.dynamics.regressor(q, qd, qdd)
+    def rows_at(self, q, qd, qdd, base=None):
+        """(N, n, P) of positions, velocities and accelerations (N, n), and a Base where it moves."""
+        return self.rows_of(self.regressor(q, qd, qdd, base), qd, qdd)
+
+    def regressor(self, q, qd, qdd, base=None):
+        """Y (N, n, p) of Dynamics.parameter_names, less gravity where efforts exclude it."""
+        Y = self.dynamics.regressor(q, qd, qdd, base=base)
         if self.drives.excludes_gravity:
             still = np.zeros_like(qd)
-            Y = Y - self.dynamics.regressor(q, still, still)
+            rest = None if base is None else Base(base.pose, np.zeros(6), np.zeros(6))
+            Y = Y - self.dynamics.regressor(q, still, still, base=rest)
+        return Y[:, -qd.shape[1] :]  # of a moving base nobody measures the wrench
+
+    def rows_of(self, Y, qd, qdd):
+        """(N, n, P) of a regressor Y (N, n, p), velocities and accelerations (N, n)."""
         n = Y.shape[1]
         offsets = np.broadcast_to(np.eye(n), (len(Y), n, n))
         coupled = self.drives.coupling_columns(qd, qdd)
@@ -67,7 +85,7 @@ def effort_columns(dynamics, drives, *, rotor_inertia=True):
 
     Raises SingularModelError where loops hardly ever close.
     """
-    base = base_parameters(dynamics)
+    base = base_parameters(dynamics, of_joints=True)
     kept = tuple(number for number in base.kept if rotor_inertia or not base.names[number].startswith("Ia."))
     names = [base.names[number] for number in kept] + [f"offset.{name}" for name in dynamics.joint_names]
     shorts = dict(zip(LOSSES, ("Ia", "Fv", "Fs"), strict=True))

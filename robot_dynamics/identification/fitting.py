@@ -40,18 +40,18 @@ def fitted(samples, *, method="weighted", validation=None):
     method: ordinary: all joints count the same; weighted: each by the variance that it turns out to have; robust:
     residuals beyond 1.345 standard deviations count less too (Huber). Raises RecordingError.
     """
-    factors, independent = _enough(samples.gathered())
+    factors, independent = enough(samples.gathered())
     n, P = factors.triangles.shape[0], factors.triangles.shape[2] - 1
     weights = np.ones(n)
     solution = solved(*factors.system(weights))
     for _ in range(ROUNDS):
-        variance = _variance(factors, solution.values, P)
+        variance = variances(factors.squares(solution.values), factors.triangles[:, :, -1], factors.samples, P)
         if method != "ordinary":
             weights = variance.mean() / variance
         if method == "robust":
-            factors, independent = _enough(samples.gathered(solution.values, np.sqrt(variance)))
+            factors, independent = enough(samples.gathered(solution.values, np.sqrt(variance)))
         solution = solved(*factors.system(weights))
-    variance = _variance(factors, solution.values, P)
+    variance = variances(factors.squares(solution.values), factors.triangles[:, :, -1], factors.samples, P)
     per_sample = np.mean(variance * weights) if method != "ordinary" else variance.mean()
     covariance = solution.covariance * per_sample / independent
     deviations = np.sqrt(np.diagonal(covariance))
@@ -63,7 +63,7 @@ def fitted(samples, *, method="weighted", validation=None):
     )  # fmt: skip
 
 
-def _enough(gathered):
+def enough(gathered):
     """(Factors, independent samples of each row) of a Gathered. Raises RecordingError where they are too few."""
     factors, worth = gathered.factors, gathered.independent
     if factors is None:
@@ -76,11 +76,10 @@ def _enough(gathered):
     return factors, worth / gathered.rows
 
 
-def _variance(factors, values, P):
-    """(n,) of residuals, the parameters counted off."""
-    n = len(factors.triangles)
-    least = 1e-12 * np.square(factors.triangles[:, :, -1]).sum(axis=1)  # of efforts that are fitted to rounding
-    return np.maximum(factors.squares(values), least) / max(1.0, factors.samples - P / n)
+def variances(squares, efforts, samples, P):
+    """(n,) of residuals with squares (n,), the P parameters counted off; efforts: (n, rows) of their factors."""
+    least = 1e-12 * np.square(efforts).sum(axis=1)  # of efforts that are fitted to rounding
+    return np.maximum(squares, least) / max(1.0, samples - P / len(squares))
 
 
 def essential(fit):

@@ -133,7 +133,7 @@ class Excerpt:
     bytes. In another process they are read anew."""
 
     def __init__(self, recording, columns, *, cutoff, band, after, until, remembered):
-        self.recording, self.columns = recording, columns
+        self.recording, self.columns = recording, columns.of(recording)
         self.cutoff, self.band = cutoff, band
         self.after, self.until, self.remembered = after, until, remembered
         self.notes = []
@@ -204,7 +204,7 @@ class Excerpt:
         told = slice(told.start, told.stop, stride)
         X = self.columns.rows(motion)
         flat = lowpass(X.reshape(len(X), -1), motion.rate, band)[told]
-        y = lowpass(motion.unfiltered, motion.rate, band)[told]
+        y = lowpass(self.columns.efforts(motion), motion.rate, band)[told]
         independent = min(1.0, 2 * NOISE_BAND * band * stride / motion.rate)
         return Rows(motion.times[told], flat.reshape(len(y), *X.shape[1:]), y, independent)
 
@@ -230,6 +230,6 @@ class Excerpt:
             total = total + QualitySums(sums, len(rows.y), np.zeros(n), 0)
         for piece, told in self._pieces():
             motion = piece.part(told.start, told.stop)
-            r = self.columns.rows(motion) @ values - motion.unfiltered
+            r = self.columns.rows(motion) @ values - self.columns.efforts(motion)
             total = total + QualitySums(np.zeros((3, n)), 0, (r * r).sum(0), len(motion))
         return total

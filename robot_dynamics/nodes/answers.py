@@ -8,23 +8,30 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import QuestionError
 from robot_dynamics.natural_frequencies import Elastodynamics
-from robot_dynamics.nodes.messages import (
-    nanoseconds,
+from robot_dynamics.nodes.joint_trajectories import (
     read_accelerations,
-    read_base,
-    read_base_point,
     read_efforts,
-    read_pose,
     read_positions,
     read_velocities,
+    write_trajectory,
+)
+from robot_dynamics.nodes.messages import (
+    nanoseconds,
+    read_base,
+    read_base_point,
+    read_pose,
     read_wrenches,
     require_empty,
     write_base,
     write_reactions,
-    write_trajectory,
 )
 from robot_dynamics.nodes.names import match_joints
-from robot_dynamics.nodes.platform import is_asked_by_platform, read_platform_motion, write_platforms
+from robot_dynamics.nodes.platform import (
+    is_asked_by_platform,
+    read_platform_motion,
+    read_platform_rest,
+    write_platforms,
+)
 
 
 def answer_inverse_dynamics(request, response, dynamics, namespace):
@@ -39,9 +46,7 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 
 def _complete(request, response, dynamics, namespace, given, asked):
     robot, points = dynamics.robot, request.trajectory.points
-    by_platform = is_asked_by_platform(request, robot)
-    names = request.trajectory.joint_names or (dynamics.joint_names if by_platform else [])
-    order = match_joints(names, dynamics, namespace)
+    by_platform, order = _asked_by(request, dynamics, namespace)
     times = _times(points, (asked,), "it is what is asked for")
     wrenches = read_wrenches(request.external_wrenches, times, robot, namespace)
     if by_platform:
@@ -75,6 +80,13 @@ def _complete(request, response, dynamics, namespace, given, asked):
     return response
 
 
+def _asked_by(request, dynamics, namespace):
+    """(whether the platform tells where the robot is, JointOrder): then joints need not be named."""
+    by_platform = is_asked_by_platform(request, dynamics.robot)
+    names = request.trajectory.joint_names or (dynamics.joint_names if by_platform else [])
+    return by_platform, match_joints(names, dynamics, namespace)
+
+
 def _times(points, left_empty, why):
     """time_from_start [ns] of the points of a question: one at least, in which the fields `left_empty` are."""
     if not points:
@@ -88,13 +100,15 @@ def _times(points, left_empty, why):
 def answer_static_equilibrium(request, response, dynamics, namespace):
     """StaticEquilibrium.srv: where joints without motor come to rest, and the efforts that hold the others."""
     robot, points = dynamics.robot, request.trajectory.points
-    order = match_joints(request.trajectory.joint_names, dynamics, namespace)
+    by_platform, order = _asked_by(request, dynamics, namespace)
     times = _times(points, ("velocities", "accelerations", "effort"), "it is part of the answer")
-    found = dynamics.equilibrium(
-        read_positions(points, order),
-        base=read_base(request.base, times, robot, namespace, at_rest=True),
-        external_wrenches=read_wrenches(request.external_wrenches, times, robot, namespace),
-    )
+    wrenches = read_wrenches(request.external_wrenches, times, robot, namespace)
+    if by_platform:
+        told = read_platform_rest(request, order, times, namespace)
+        found = dynamics.platform.equilibrium(**told, external_wrenches=wrenches)
+    else:
+        base = read_base(request.base, times, robot, namespace, at_rest=True)
+        found = dynamics.equilibrium(read_positions(points, order), base=base, external_wrenches=wrenches)
     rest = np.zeros((len(points), len(dynamics.all_joint_names)))
     efforts = dynamics.spread_efforts(found.efforts)
     response.trajectory = write_trajectory(request.trajectory, order, found.joint_positions, rest, rest, efforts)

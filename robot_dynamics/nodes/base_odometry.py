@@ -1,10 +1,7 @@
 """The motion of a moving base out of nav_msgs/Odometry, as the models of a robot take it."""
 
-import numpy as np
-from scipy.spatial.transform import Rotation
-
 from robot_dynamics.errors import QuestionError
-from robot_dynamics.nodes.messages import UNIT_QUATERNION
+from robot_dynamics.nodes.messages import read_pose, read_twist
 from robot_dynamics.nodes.names import resolve
 
 
@@ -43,13 +40,6 @@ class BaseReader:
     def _take(self, message):
         if message.child_frame_id:
             resolve("base link", message.child_frame_id, [self._robot.base_link], self._namespace)
-        turned, twist = message.pose.pose.orientation, message.twist.twist
-        quaternion = np.array([turned.x, turned.y, turned.z, turned.w])
-        linear, angular = twist.linear, twist.angular
-        rates = np.array([linear.x, linear.y, linear.z, angular.x, angular.y, angular.z])
-        if not abs(np.linalg.norm(quaternion) - 1) < UNIT_QUATERNION:
-            raise QuestionError(f"its orientation has norm {np.linalg.norm(quaternion):.6g}: 1 is needed")
-        if not np.isfinite(rates).all():
-            raise QuestionError("its twist is not finite")
-        self._twist[:] = rates
-        self._gravity[:] = Rotation.from_quat(quaternion).apply(self._robot.gravity, inverse=True)
+        pose, twist = read_pose(message.pose.pose, "pose"), read_twist(message.twist.twist, "twist")
+        self._twist[:] = twist
+        self._gravity[:] = pose[:3, :3].T @ self._robot.gravity

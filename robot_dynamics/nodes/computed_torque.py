@@ -8,7 +8,6 @@ from time import perf_counter
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -24,6 +23,7 @@ from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, 
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.joint_states import JointStateReader
 from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.parameters import declare, judged
 from robot_dynamics.nodes.qualities import STREAMED
 from robot_dynamics.nodes.references import read_point, read_reference
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
@@ -56,9 +56,7 @@ class ComputedTorque(LifecycleNode):
         self._last_time, self._out_of_order, self._refused, self._refusal = -np.inf, 0, 0, ""
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
-        for name, (default, description) in PARAMETERS.items():
-            descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
-            self.declare_parameter(name, default, descriptor)
+        declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
         self._robot = RobotSource(self, adopted=self._adopt, worker=self._worker)
@@ -192,7 +190,7 @@ class ComputedTorque(LifecycleNode):
         self.get_logger().info(f"goes on with {law.dynamics.robot!r}")
 
     def _before_change(self, parameters):
-        try:
+        def change():
             for parameter in parameters:
                 name = parameter.name
                 if self._controller is not None and name in FIXED:
@@ -203,9 +201,8 @@ class ComputedTorque(LifecycleNode):
             if self._controller is not None:
                 law = self._controller.law
                 settings_of({**self._values, **changes}, law.dynamics, law.joints)
-        except RobotDynamicsError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+
+        return judged(change)
 
     def _after_change(self, parameters):
         changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}

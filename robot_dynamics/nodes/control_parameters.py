@@ -6,7 +6,7 @@ from robot_dynamics.control.controller import Settings
 from robot_dynamics.control.law import COMPUTED_TORQUE, MODES, WITHOUT_REFERENCE
 from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.joint import UNLIMITED
-from robot_dynamics.nodes.robot_source import typed_as
+from robot_dynamics.nodes.parameters import names, numbers, typed_as, whole_number
 
 # name: (default, what it is)
 PARAMETERS = {
@@ -25,18 +25,18 @@ PARAMETERS = {
     "autostart": (True, "configure and activate the node when it has a robot"),
 }
 FIXED = ("joints", "autostart")  # what is read when the node is configured
-LISTS = ("joints", "kp", "kd", "effort_limits")
+LISTS = ("kp", "kd", "effort_limits")
 
 
 def checked(name, value):
     """The value of a parameter in its type. Raises QuestionError."""
     default, description = PARAMETERS[name]
+    if name == "joints":
+        return names(name, value)
     if name in LISTS:
-        return _list(name, value, description)
+        return _not_negative(name, value, description)
     if name == "deadline_misses":
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise QuestionError(f"parameter {name} is {value!r}: a whole number from 1 on is needed")
-        return value
+        return whole_number(name, value, least=1)
     value = typed_as(default, name, value, description)
     if isinstance(default, float):
         least = 0.0 if name in ("ramp_time", "state_rate") else 1e-4
@@ -48,16 +48,11 @@ def checked(name, value):
     return value
 
 
-def _list(name, value, description):
-    values = [] if isinstance(value, str) and not value else np.ravel(value).tolist()
-    if name == "joints":
-        if not all(isinstance(item, str) for item in values):
-            raise QuestionError(f"parameter joints is {value!r}: a list of names is needed")
-        return tuple(values)
-    numbers = np.array(typed_as([0.0] * len(values), name, values, description))
-    if not (numbers >= 0).all() or (name != "effort_limits" and not np.isfinite(numbers).all()):
+def _not_negative(name, value, description):
+    told = np.array(numbers(name, value, description))
+    if not (told >= 0).all() or (name != "effort_limits" and not np.isfinite(told).all()):
         raise QuestionError(f"parameter {name} is {value!r}: numbers of zero or more are needed, {description}")
-    return numbers
+    return told
 
 
 def settings_of(values, dynamics, joints):
@@ -68,17 +63,17 @@ def settings_of(values, dynamics, joints):
     if len(limits):
         told["limits"] = _of_each("effort_limits", limits, joints, alone=False)
     else:
-        numbers = dynamics.robot.joint_numbers
-        described = np.array([dynamics.robot.joints[numbers[name]].limits.effort for name in joints])
+        places = dynamics.robot.joint_numbers
+        described = np.array([dynamics.robot.joints[places[name]].limits.effort for name in joints])
         told["limits"] = np.where(described >= UNLIMITED, np.inf, described)
     return Settings(**told)
 
 
-def _of_each(name, numbers, joints, alone=True):
-    if len(numbers) == len(joints):
-        return numbers
-    if alone and len(numbers) == 1:
-        return np.full(len(joints), numbers[0])
+def _of_each(name, told, joints, alone=True):
+    if len(told) == len(joints):
+        return told
+    if alone and len(told) == 1:
+        return np.full(len(joints), told[0])
     raise QuestionError(
-        f"parameter {name} has {len(numbers)} values: {len(joints)} are needed, one for each of {', '.join(joints)}"
+        f"parameter {name} has {len(told)} values: {len(joints)} are needed, one for each of {', '.join(joints)}"
     )

@@ -7,7 +7,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped, Twist, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -21,6 +20,7 @@ from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes import simulator_outputs as told
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.parameters import declare, judged
 from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
@@ -60,8 +60,7 @@ class MobileBaseSimulator(Node):
         self._steps, self._behind, self._took, self._stopped = 0, 0, Durations(), False
         self._last_told, self._last_answer, self._told_times = -np.inf, -np.inf, 0  # [s] of the machine; how often
         self._offset, self._told_at = 0, -np.inf  # [ns] of simulated time before the last reset; [s]
-        for name, (default, description) in PARAMETERS.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=description, dynamic_typing=True))
+        declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._paused = self._values["start_paused"]
         self._robot = RobotSource(self)
@@ -124,7 +123,7 @@ class MobileBaseSimulator(Node):
         self._tell()
 
     def _before_change(self, parameters):
-        try:
+        def change():
             for parameter in parameters:
                 if parameter.name in FIXED:
                     raise QuestionError(f"parameter {parameter.name} is read when the node begins")
@@ -132,9 +131,8 @@ class MobileBaseSimulator(Node):
             self._candidate = None
             if self._served is not None and set(changes) - set(LIVELY):
                 self._candidate = simulated({**self._values, **changes}, self._served.robot)
-        except RobotDynamicsError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+
+        return judged(change)
 
     def _after_change(self, parameters):
         changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}

@@ -13,15 +13,16 @@ def is_asked_by_platform(request, robot):
     return bool(robot.platforms) and not robot.moving_base and len(request.base.points) > 0
 
 
-def read_platform_motion(request, order, times, namespace, accelerated):
+def read_platform_motion(request, order, times, namespace, accelerated, at_rest=False):
     """What PlatformDynamics.solve takes beside efforts and wrenches, as a mapping.
 
     order: JointOrder; times: of the points [ns]; accelerated: whether accelerations of the platforms are told, and not
-    asked for. Positions of joints may be given: they are where the search for closed loops begins. Joints that no
-    platform places have positions, velocities and accelerations of their own.
+    asked for; at_rest: whether velocities may be left out. Positions of joints may be given: they are where the
+    search for closed loops begins. Joints that no platform places have positions, velocities and accelerations of
+    their own.
     """
     points, robot, platform = request.trajectory.points, order.dynamics.robot, order.dynamics.platform
-    told = read_points(request.base, times, platform.links, namespace, f"the platform of {robot.name!r}")
+    told = read_points(request.base, times, platform.links, namespace, f"the platform of {robot.name!r}", at_rest)
     acceleration = {link: base.acceleration for link, base in told.items() if base.acceleration is not None}
     if accelerated and not acceleration:
         raise QuestionError("base.points[0].accelerations has 0 entries: the acceleration of the platform is needed")
@@ -41,6 +42,15 @@ def read_platform_motion(request, order, times, namespace, accelerated):
         motion = {key: value.get(platform.links[0]) for key, value in motion.items()}
     return {**motion, "acceleration": motion["acceleration"] if accelerated else None, "seed": seed,
             "others": [None, *rates]}  # fmt: skip
+
+
+def read_platform_rest(request, order, times, namespace):
+    """What PlatformDynamics.equilibrium takes beside wrenches, as a mapping: see read_platform_motion."""
+    told = read_platform_motion(request, order, times, namespace, accelerated=False, at_rest=True)
+    twists = told["twist"].values() if isinstance(told["twist"], dict) else [told["twist"]]
+    if np.any([twist.any() for twist in twists]):
+        raise QuestionError("base has velocities that are not zero: the platform is at rest here, leave them empty")
+    return {name: told[name] for name in ("pose", "seed", "others")}
 
 
 def _told(points, field, order):

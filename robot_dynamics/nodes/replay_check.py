@@ -6,7 +6,7 @@ from array import array
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
@@ -17,8 +17,10 @@ from std_srvs.srv import Trigger
 from robot_dynamics.commands.replay_check import check_text
 from robot_dynamics.errors import QuestionError, RecordingError, RobotDynamicsError
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics
-from robot_dynamics.nodes.robot_source import RobotSource, typed_as
+from robot_dynamics.nodes.parameters import declare, judged, names, typed_as
+from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
+from robot_dynamics.replay.base_motion import OdometryReader
 from robot_dynamics.replay.drives import load_drives
 from robot_dynamics.replay.joint_sample import joint_sample
 from robot_dynamics.replay.live import SPAN, LiveCheck
@@ -43,7 +45,7 @@ TICK = 0.1  # [s] between looks at what can be told
 
 class ReplayCheck(Node):
     """Compares the efforts on joint_states with those that the model of the robot predicts, as
-    `robot-dynamics replay-check` does for bags, while they come.
+    `robot-dynamics replay-check` does for bags, while they come; with odom where the base of the robot moves.
 
     The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
     from the topic robot_description: replay_check --ros-args -p robot_file:=panda
@@ -58,10 +60,9 @@ class ReplayCheck(Node):
         self._check, self._dynamics, self._ended = None, None, True
         self._heard = self._refused = 0
         self._trouble = self._last_refusal = ""
-        for name, (default, description) in PARAMETERS.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=description, dynamic_typing=True))
+        declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
-        self._candidate = None
+        self._candidate = self._of_base = None
         self._robot = RobotSource(self, adopted=self._adopt)
         self.add_on_set_parameters_callback(self._before_change)
         self.add_post_set_parameters_callback(self._after_change)
@@ -90,6 +91,9 @@ class ReplayCheck(Node):
     def _adopt(self, dynamics):
         """Begin anew, with this robot."""
         self._dynamics, self._ended = dynamics, True
+        self._odometry = OdometryReader(dynamics.robot.base_link)
+        if dynamics.robot.moving_base and self._of_base is None:
+            self._of_base = self.create_subscription(Odometry, "odom", self._taking("odom"), DEEP)
         try:
             self._check, self._trouble = self._begun(dynamics, self._values), ""
         except RobotDynamicsError as error:
@@ -98,16 +102,16 @@ class ReplayCheck(Node):
 
     def _before_change(self, parameters):
         told = {each.name: each.value for each in parameters if each.name in PARAMETERS}
-        try:
+
+        def change():
             for name in set(told) & set(FIXED):
                 raise QuestionError(f"parameter {name} is read when the node begins: start it anew")
             values = {**self._values, **{name: checked(name, value) for name, value in told.items()}}
             if told and self._dynamics is not None:
                 self._begun(self._dynamics, values)
-        except RobotDynamicsError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        self._candidate = values
-        return SetParametersResult(successful=True)
+            self._candidate = values
+
+        return judged(change)
 
     def _after_change(self, parameters):
         if any(each.name in PARAMETERS for each in parameters):
@@ -122,7 +126,8 @@ class ReplayCheck(Node):
             if self._check is None:
                 return
             self._heard += 1
-            self._trying(lambda: self._check.feed(joint_sample(topic, time.time_ns(), message)))
+            read = self._odometry.sample if isinstance(message, Odometry) else joint_sample
+            self._trying(lambda: self._check.feed(read(topic, time.time_ns(), message)))
 
         return take
 
@@ -277,10 +282,7 @@ def checked(name, value):
     """The value of a parameter in its type. Raises QuestionError."""
     default, description = PARAMETERS[name]
     if name == "topics":
-        values = [] if isinstance(value, str) and not value else np.ravel(value).tolist()
-        if not all(isinstance(item, str) and item for item in values):
-            raise QuestionError(f"parameter topics is {value!r}: a list of names is needed")
-        return tuple(dict.fromkeys(values))
+        return tuple(dict.fromkeys(names(name, value)))
     value = typed_as(default, name, value, description)
     if name in LEAST and not (LEAST[name] <= value < 1e6 or (value == 0 and default == 0)):
         raise QuestionError(f"parameter {name} is {value:g}: {LEAST[name]:g} or more is needed, {description}")

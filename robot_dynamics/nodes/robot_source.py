@@ -3,7 +3,7 @@
 import traceback
 
 import numpy as np
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
@@ -11,6 +11,7 @@ from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamics
 from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.library import read_file, read_robot
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
+from robot_dynamics.nodes.parameters import declare, typed_as
 from robot_dynamics.nodes.qualities import LATCHED
 
 BASES = {"": None, "fixed": False, "moving": True}
@@ -50,10 +51,7 @@ class RobotSource:
         self.refusal = (
             "neither robot_description nor robot_file is set, and nothing came on the topic robot_description"
         )
-        for name, (default, description) in PARAMETERS.items():
-            # typed here, not by rclpy: an integer where a decimal number belongs is no reason to refuse
-            descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
-            node.declare_parameter(name, default, descriptor)
+        declare(node, PARAMETERS)
         refused = self._try(lambda: self._adopt(self._load(self._settings())))
         if not refused and self._dynamics is None:
             topic = node.resolve_topic_name("robot_description")
@@ -184,26 +182,6 @@ def typed(name, value):
         value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
     return typed_as(default, name, value, PARAMETERS[name][1])
-
-
-def typed_as(default, name, value, description):
-    """The value of a parameter in the type, and of a list in the length, of `default`. Raises QuestionError."""
-    if isinstance(default, str | bool):
-        if isinstance(value, type(default)):
-            return value
-        raise QuestionError(
-            f"parameter {name} is {value!r}: {'a text' if isinstance(default, str) else 'true or false'} is needed"
-        )
-    size = np.size(default)
-    try:
-        numbers = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        numbers = np.array("none")
-    texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list | tuple) else [value]))
-    if numbers.dtype.kind != "f" or texts or numbers.shape != np.shape(default):
-        need = "a number is" if isinstance(default, float) else f"{size} numbers are"
-        raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {description}")
-    return numbers.tolist()
 
 
 def with_payload(robot, settings):

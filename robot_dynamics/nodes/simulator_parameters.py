@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import QuestionError
-from robot_dynamics.nodes.robot_source import typed_as
+from robot_dynamics.nodes.parameters import names, numbers, typed_as, whole_number
 from robot_dynamics.simulation import Ground, Simulation, Wheel
 
 # name: (default, what it is)
@@ -64,17 +64,12 @@ CHOICES = {"moved_by": ("efforts", "reference"), "wait_for_commands": ("never", 
 def checked(name, value):
     """The value of a parameter in its type. Raises QuestionError."""
     default, description = PARAMETERS[name]
-    if name in NAMES + NUMBERS:
-        values = [] if isinstance(value, str) and not value else np.ravel(value).tolist()
-        if name in NUMBERS:
-            return typed_as([0.0] * len(values), name, values, description)
-        if not all(isinstance(item, str) for item in values):
-            raise QuestionError(f"parameter {name} is {value!r}: a list of names is needed")
-        return values
+    if name in NAMES:
+        return names(name, value)
+    if name in NUMBERS:
+        return numbers(name, value, description)
     if name == "seed":
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise QuestionError(f"parameter seed is {value!r}: a whole number from 0 on is needed")
-        return value
+        return whole_number(name, value, least=0)
     value = typed_as(default, name, value, description)
     if (name in POSITIVE and not 0 < value < np.inf) or (name in NOT_NEGATIVE and not 0 <= value < np.inf):
         least = "more than 0" if name in POSITIVE else "0 or more"
@@ -95,11 +90,11 @@ class Simulated:
 
 def simulated(values, robot):
     """The Simulated of parameters {name: checked value} and a robot. Raises RobotDynamicsError."""
-    names, angles = values["wheels.joints"], values["wheels.roller_angles"]
-    _alike("wheels.radii", values["wheels.radii"], "wheels.joints", names)
+    joints, angles = values["wheels.joints"], values["wheels.roller_angles"]
+    _alike("wheels.radii", values["wheels.radii"], "wheels.joints", joints)
     if angles:
-        _alike("wheels.roller_angles", angles, "wheels.joints", names)
-    rolled = zip(names, values["wheels.radii"], angles or [None] * len(names), strict=True)
+        _alike("wheels.roller_angles", angles, "wheels.joints", joints)
+    rolled = zip(joints, values["wheels.radii"], angles or [None] * len(joints), strict=True)
     wheels = [Wheel(name, radius, angle) for name, radius, angle in rolled]
     ground = None
     if values["ground.points"]:
@@ -119,9 +114,9 @@ def simulated(values, robot):
 
 
 def _start(simulation, values):
-    names = values["initial.joints"]
+    joints = values["initial.joints"]
     start, places = simulation.state, []
-    for name in names:
+    for name in joints:
         if name not in simulation.joint_names:
             raise QuestionError(
                 f"parameter initial.joints: {name!r} is none of the joints {', '.join(simulation.joint_names)}"
@@ -131,7 +126,7 @@ def _start(simulation, values):
     for what, array in initial.items():
         told = values[f"initial.{what}"]
         if told:
-            _alike(f"initial.{what}", told, "initial.joints", names)
+            _alike(f"initial.{what}", told, "initial.joints", joints)
             array[places] = told
     pose, quaternion = np.eye(4), np.array(values["initial.pose"][3:])
     if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:

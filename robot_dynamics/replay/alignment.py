@@ -15,7 +15,7 @@ from robot_dynamics.replay.tally import Tally
 CHUNK = 20_000  # messages that are put on the grid at once
 JUMP = 1.0  # [s] back that is another clock, and not a message that came late
 LEAP = 10.0  # [s] ahead of the time of recording that is another clock
-GAP = 5.5  # steps of the grid without a sample that are a gap
+GAP = 5.5  # steps of the grid, or of a slower topic, without a sample that are a gap
 CARRIED = 8  # samples kept for the interpolation of what follows
 LEAST_SAMPLES = 8  # to tell the rate from
 MOST_KNOWN = 1000  # sorts of messages that are remembered
@@ -215,9 +215,13 @@ class Assembly:
         """(start, end) of the pieces between gaps."""
         if len(times) < 2:
             return []
-        cuts = np.flatnonzero(np.diff(times) > GAP * self.step)
+        cuts = np.flatnonzero(np.diff(times) > GAP * self._step_of(times))
         self.tally.counts["gaps"] += int((times[cuts + 1] > self._counted).sum())
         return list(zip(times[[0, *(cuts + 1)]], times[[*cuts, -1]], strict=True))
+
+    def _step_of(self, times):
+        """The step [s] of the grid, or that of times (M,) of a topic that is slower."""
+        return max(self.step, float(np.median(np.diff(times)))) if len(times) >= LEAST_SAMPLES else self.step
 
     def _stretch(self, bands, start, end):
         continues = self._end is not None and start <= self._end + 1e-6 * self.step
@@ -228,7 +232,8 @@ class Assembly:
         grid = first + self.step * np.arange(size)
         arrays = np.full((3, size, len(self.names)), np.nan)
         for joints, times, *fields in bands:
-            near = slice(*np.searchsorted(times, [grid[0] - CARRIED * self.step, grid[-1] + CARRIED * self.step]))
+            reach = CARRIED * self._step_of(times)
+            near = slice(*np.searchsorted(times, [grid[0] - reach, grid[-1] + reach]))
             for array, values in zip(arrays, fields, strict=True):
                 array[:, joints] = on_grid(times[near], values[near], grid)
         self._end = grid[-1]

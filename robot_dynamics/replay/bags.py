@@ -11,10 +11,12 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from robot_dynamics.errors import RecordingError, unknown_name
+from robot_dynamics.replay.base_motion import OdometryReader
 from robot_dynamics.replay.broken_bags import MCAP_MAGIC, SQLITE_MAGIC, mcap_until_broken, sqlite_until_broken
 from robot_dynamics.replay.joint_sample import joint_sample
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
+ODOMETRY = "nav_msgs/msg/Odometry"
 STORAGES = (".mcap", ".db3")
 
 
@@ -56,16 +58,27 @@ class Bag:
             raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {told[:500] or 'nothing'}")
         return sorted(found, key=lambda topic: (not topic.endswith("joint_states"), topic))
 
-    def samples(self, topics):
-        """Yield the JointSamples of topics, in the order of the bag."""
+    def base_topics(self, wanted=()):
+        """The topic that tells how the base moves: the one of ODOMETRY that is wanted, else the only one there is."""
+        odometry = [topic for topic, kind in self.topics.items() if kind == ODOMETRY]
+        found = [topic for topic in odometry if topic in wanted] or sorted(odometry)
+        if len(found) != 1:
+            told = f"name one of {', '.join(found)}" if found else f"it has no topic of {ODOMETRY}"
+            raise RecordingError(f"{self.path}: the base of the robot moves, and how must be recorded: {told}")
+        return found
+
+    def samples(self, topics, base=None):
+        """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the link `base`."""
         store, unread = get_typestore(Stores.ROS2_JAZZY), 0
+        odometry = OdometryReader(base)
         for topic, recorded, data in self._messages(topics):
             try:
-                message = store.deserialize_cdr(data, JOINT_STATE)
+                message = store.deserialize_cdr(data, self.topics[topic])
             except Exception:  # bytes that are no message: numpy, struct and text decoding say so each in its way
                 unread += 1
                 continue
-            yield joint_sample(topic, recorded, message)
+            read = odometry.sample if self.topics[topic] == ODOMETRY else joint_sample
+            yield read(topic, recorded, message)
         if unread:
             self.note(f"{unread} messages are damaged, and were left out")
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from robot_dynamics.errors import QuestionError, RecordingError
+from robot_dynamics.errors import RecordingError
 from robot_dynamics.replay.comparison import Comparison, JointComparison
 from robot_dynamics.replay.tally import Tally
 
@@ -74,10 +74,8 @@ class Predictor:
     """Efforts that a robot and its drives demand for Motions, less gravity where drives do not measure it."""
 
     def __init__(self, dynamics, drives):
-        if dynamics.robot.moving_base:
-            raise QuestionError(f"{dynamics.robot.name!r} has a moving base: joint states do not tell how it moves")
         self.dynamics, self.drives = dynamics, drives
-        dynamics.compile("inverse")  # now, rather than after the first pieces
+        dynamics.compile("inverse", told=dynamics.robot.moving_base)  # now, rather than after the first pieces
 
     def __call__(self, motion):
         """(N, n)"""
@@ -85,8 +83,11 @@ class Predictor:
 
     def efforts(self, dynamics, motion):
         """(N, n): those of another Dynamics of the same joints."""
-        efforts = dynamics.inverse(motion.q, motion.qd, motion.qdd) + self.drives.demanded(motion.qd, motion.qdd)
-        return efforts - dynamics.gravity(motion.q) if self.drives.excludes_gravity else efforts
+        efforts = dynamics.inverse(motion.q, motion.qd, motion.qdd, base=motion.base)
+        efforts = efforts + self.drives.demanded(motion.qd, motion.qdd)
+        if not self.drives.excludes_gravity:
+            return efforts
+        return efforts - dynamics.gravity(motion.q, base=motion.base)[..., -efforts.shape[-1] :]
 
 
 def check(recording, dynamics, tolerances, *, cutoff=None, rate=None, watch=None, each=None):

@@ -7,18 +7,15 @@ joints. Without any, each joint is measured itself.
 
 import json
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, RecordingError, unknown_name
 from robot_dynamics.model.formats.expression import evaluate, number_text
-from robot_dynamics.model.formats.text import read_path
-from robot_dynamics.model.formats.yaml_document import YamlDocument, validator_of
+from robot_dynamics.replay.documents import read_document
 
 NEED = "a YAML file on drives"
-LARGEST = 1024 * 1024
 LOSSES = ("rotor_inertia", "viscous_friction", "coulomb_friction")
 
 
@@ -95,17 +92,7 @@ def load_drives(path, joint_names):
     """The Drives that a YAML file tells for the joints of a robot; None: none. Raises DescriptionError."""
     if path is None:
         return direct_drives(joint_names)
-    path = Path(path)
-    document = YamlDocument(read_path(path, LARGEST), path, NEED)
-    if not isinstance(document.data, dict):
-        document.fail((), f"{NEED} is needed: `format: 1`, and what it tells")
-    document.validate(_validator())
-    return _Reader(document, tuple(joint_names)).read()
-
-
-@cache
-def _validator():
-    return validator_of(json.loads(Path(__file__).with_name("drives.schema.json").read_text(encoding="utf-8")))
+    return _Reader(read_document(Path(path), "drives", NEED), tuple(joint_names)).read()
 
 
 class _Reader:

@@ -12,6 +12,7 @@ import numpy as np
 
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.replay.alignment import Assembly
+from robot_dynamics.replay.base_motion import SIGNALS
 from robot_dynamics.replay.checking import Check, Predictor, effort_limits, judged
 from robot_dynamics.replay.comparison import WINDOW, Comparison
 from robot_dynamics.replay.motions import Motion, Smoothing
@@ -61,13 +62,15 @@ class LiveCheck:
     whole recording, as those of one second may be `window_factor` times. So may those of n seconds 1 + (window_factor -
     1) / √n times; the joint is out of tolerance beyond this only.
 
-    cutoff [Hz], rate [1/s]: as for `motions` and `Assembly`. Raises QuestionError where the base of the robot moves.
+    cutoff [Hz], rate [1/s]: as for `motions` and `Assembly`. Where the base of the robot moves, samples with SIGNALS
+    of it are needed too.
     """
 
     def __init__(self, dynamics, drives, tolerances, *, cutoff=None, rate=None, span=SPAN):
         self._predictor, self._tolerances, self._span = Predictor(dynamics, drives), tolerances, span
         self.dynamics, self.drives, self.tally = dynamics, drives, Tally()
-        self._assembly = Assembly(drives.names, self.tally, rate)
+        of_base = SIGNALS if dynamics.robot.moving_base else ()
+        self._assembly = Assembly(drives.names + of_base, self.tally, rate)
         self._smoothing = Smoothing(drives, self.tally, cutoff, PIECE)
         self._factor = 1 + (tolerances.window_factor - 1) * np.sqrt(WINDOW / max(span, WINDOW))
         self._first_stamp, self._arrivals, self._warm = None, {}, False
@@ -105,7 +108,8 @@ class LiveCheck:
     def silent(self, now, patience):
         """Names of what nobody told of in the last `patience` seconds; now: [ns], on the clock of `recorded`."""
         told = {name for names, arrival in self._arrivals.items() if now - arrival < patience * 1e9 for name in names}
-        return [name for name in self.drives.names if name not in told]
+        base = ["the base"] if self.dynamics.robot.moving_base and SIGNALS[0] not in told else []
+        return [name for name in self.drives.names if name not in told] + base
 
     def advance(self):
         """The Pieces that can be told by now. Raises RecordingError."""

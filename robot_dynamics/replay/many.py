@@ -9,7 +9,7 @@ import numpy as np
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.replay.checking import Check, Predictor, check
 from robot_dynamics.replay.faults import Evidence, Fault
-from robot_dynamics.replay.recordings import open_recording
+from robot_dynamics.replay.recordings import moving_base, open_recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def examined(recording, questions, *, watch=None, takers=()):
 
 def _outcome(questions, path):
     try:
-        recording = open_recording(path, questions.drives, questions.topics)
+        recording = open_recording(path, questions.drives, questions.topics, moving_base(questions.dynamics))
         return Outcome(str(path), *examined(recording, questions))
     except RobotDynamicsError as error:
         return Outcome(str(path), refusal=str(error))

@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robot_dynamics.question import Base
+from robot_dynamics.replay.base_motion import base_motion, joined, part_of
 from robot_dynamics.replay.signals import cutoff_of, differentiated, lowpass, margin
 
 EDGE = 1.0  # periods of the cut-off at each end of a stretch in which the filter has to guess what was beyond
@@ -17,7 +19,8 @@ class Motion:
     """A piece of motion on a uniform grid, without a gap.
 
     time: of the first sample [s]; rate [1/s]; cutoff [Hz]; q, qd, qdd, efforts: (N, n), filtered; unfiltered: the
-    efforts (N, n) before; measured: (n,) whether efforts of a joint were measured at all, they are zero where not.
+    efforts (N, n) before; measured: (n,) whether efforts of a joint were measured at all, they are zero where not;
+    base: Base of N samples with accelerations, None where none was recorded.
     """
 
     time: float
@@ -29,6 +32,7 @@ class Motion:
     efforts: np.ndarray
     unfiltered: np.ndarray
     measured: np.ndarray
+    base: Base | None = None
 
     def __len__(self):
         return len(self.q)
@@ -46,16 +50,19 @@ class Motion:
     def followed_by(self, other):
         """The Motion of the samples of both."""
         arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in SAMPLED}
-        return replace(self, measured=self.measured & other.measured, **arrays)
+        base = joined(self.base, other.base)
+        return replace(self, measured=self.measured & other.measured, base=base, **arrays)
 
     def part(self, begin, end):
         """The Motion of samples `begin` to `end`."""
         arrays = {name: getattr(self, name)[begin:end] for name in SAMPLED}
-        return replace(self, time=self.time + begin / self.rate, **arrays)
+        base = part_of(self.base, slice(begin, end))
+        return replace(self, time=self.time + begin / self.rate, base=base, **arrays)
 
 
 def motions(stretches, drives, tally, cutoff=None):
     """Yield the Motions of Stretches: joints of drives, what is above the cut-off [Hz] taken away, without delay.
+    Stretches may have SIGNALS of a base after those of the motors.
 
     cutoff: None: `DEFAULT_CUTOFF`, or what the rate allows. Accelerations are derivatives of filtered velocities,
     velocities that were not measured those of positions. Raises RecordingError.
@@ -102,17 +109,15 @@ class _Pending:
         self.margin = margin(stretch.rate, cutoff)
         self.edge = int(np.ceil(EDGE * stretch.rate / self.cutoff))
         self.time, self.skipped = stretch.time, self.edge
-        k = len(drives.names)
-        self.signals = np.zeros((3, 0, k))
+        self.signals = np.zeros((3, 0, stretch.position.shape[1]))  # motors, then the base where it was recorded
 
     def take(self, stretch, tally):
-        velocity = stretch.velocity
-        lost = ~np.isfinite(velocity).all(axis=0)
-        for name in np.array(self.drives.names)[lost]:
+        k = len(self.drives.names)
+        for name in np.array(self.drives.names)[~np.isfinite(stretch.velocity[:, :k]).all(axis=0)]:
             tally["velocities that were not measured, and are derivatives of positions"] = str(name)
-        for name in np.array(self.drives.names)[~np.isfinite(stretch.effort).all(axis=0)]:
+        for name in np.array(self.drives.names)[~np.isfinite(stretch.effort[:, :k]).all(axis=0)]:
             tally["efforts that were not measured"] = str(name)
-        new = np.stack([stretch.position, velocity, stretch.effort])
+        new = np.stack([stretch.position, stretch.velocity, stretch.effort])
         self.signals = np.concatenate([self.signals, new], axis=1)
         if self.signals.shape[1] >= self.piece * self.margin + LEAST:
             yield self._filtered(self.signals.shape[1] - self.margin)
@@ -130,7 +135,8 @@ class _Pending:
 
     def _filtered(self, end):
         """The Motion of the samples from those that were told already to `end`."""
-        position, velocity, effort = self.signals
+        k = len(self.drives.names)
+        position, velocity, effort = self.signals[..., :k]
         lost = ~np.isfinite(velocity).all(axis=0)
         velocity = np.where(lost, differentiated(position, self.rate) if lost.any() else 0, velocity)
         unmeasured = ~np.isfinite(effort).all(axis=0)
@@ -138,8 +144,10 @@ class _Pending:
         measured = ~(np.abs(self.drives.ratios[unmeasured]) > 0).any(axis=0)
         smooth_q, smooth_qd, smooth = (lowpass(values, self.rate, self.cutoff) for values in (q, qd, efforts))
         qdd = differentiated(smooth_qd, self.rate)
-        core = slice(self.skipped, end)
+        core, base = slice(self.skipped, end), None
+        if self.signals.shape[2] > k:
+            base = part_of(base_motion(self.signals[0, :, k:], self.rate, self.cutoff), core)
         return Motion(
             self.time + self.skipped / self.rate, self.rate, self.cutoff, smooth_q[core], smooth_qd[core], qdd[core],
-            smooth[core] * measured, efforts[core] * measured, measured,
+            smooth[core] * measured, efforts[core] * measured, measured, base,
         )  # fmt: skip

@@ -6,6 +6,7 @@ from pathlib import Path
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.replay.alignment import stretches
 from robot_dynamics.replay.bags import Bag
+from robot_dynamics.replay.base_motion import SIGNALS
 from robot_dynamics.replay.motions import motions
 from robot_dynamics.replay.tables import Table
 from robot_dynamics.replay.tally import Tally
@@ -13,16 +14,18 @@ from robot_dynamics.replay.tally import Tally
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was recorded of a robot: a Bag or Table, the topics of it that count, and the Drives of its signals."""
+    """What was recorded of a robot: a Bag or Table, the topics of it that count, and the Drives of its signals; base:
+    name of the base link where it moves, and one of the topics tells how; else None."""
 
     source: object
     topics: tuple
     drives: object
+    base: str | None = None
 
     def __reduce__(self):
         """Sent to other processes as where it is, to be opened there."""
         topics = () if isinstance(self.source, Table) else self.topics
-        return open_recording, (self.source.path.absolute(), self.drives, topics)
+        return open_recording, (self.source.path.absolute(), self.drives, topics, self.base)
 
     @property
     def name(self):
@@ -41,8 +44,9 @@ class Recording:
 
     def stretches(self, tally=None, rate=None, watch=None):
         """Yield the Stretches of the signals; watch: takes and gives an iterator of messages, to show progress."""
-        samples = self.source.samples(self.topics)
-        return stretches(samples if watch is None else watch(samples), self.drives.names, tally, rate)
+        samples = self.source.samples(self.topics, self.base)
+        names = self.drives.names + (SIGNALS if self.base is not None else ())
+        return stretches(samples if watch is None else watch(samples), names, tally, rate)
 
     def motions(self, tally=None, *, cutoff=None, rate=None, watch=None):
         """Yield the Motions of the joints. Raises RecordingError, also where there is none in the end."""
@@ -55,10 +59,11 @@ class Recording:
             raise RecordingError(f"{self.name}: nothing is left to look at. {told or 'It has no message'}")
 
 
-def open_recording(path, drives, topics=()):
+def open_recording(path, drives, topics=(), base=None):
     """The Recording at a path: a bag (folder or file), a CSV file, or a folder of those that drives tell.
 
-    topics: names of the topics to be read; none: all with joint states. Raises RecordingError.
+    topics: names of the topics to be read; none: all with joint states. base: name of the base link where it
+    moves: then a topic with odometry is read too. Raises RecordingError.
     """
     path = Path(path)
     try:
@@ -70,6 +75,13 @@ def open_recording(path, drives, topics=()):
             source = Table(path, drives.tables)
         else:
             source = Bag(path)
-        return Recording(source, tuple(source.joint_topics(tuple(topics))), drives)
+        of_base = source.base_topics(topics) if base is not None else []
+        joints = source.joint_topics([topic for topic in topics if topic not in of_base])
+        return Recording(source, (*joints, *of_base), drives, base)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def moving_base(dynamics):
+    """Name of the base link of the robot of a Dynamics where it moves, else None: what `open_recording` is to know."""
+    return dynamics.robot.base_link if dynamics.robot.moving_base else None

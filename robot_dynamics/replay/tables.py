@@ -41,7 +41,10 @@ class Table:
             raise RecordingError(f"{self.path} is a table: it has no topics, leave {', '.join(wanted)} out")
         return [str(self.path)]
 
-    def samples(self, topics):
+    def base_topics(self, wanted=()):
+        raise RecordingError(f"{self.path} is a table: how the base of the robot moves, only a bag tells")
+
+    def samples(self, topics, base=None):
         """Yield the JointSamples, row by row."""
         stamps, number = self._stamps(), 0
         for rows in self._chunks():

@@ -1,12 +1,19 @@
 """`robot-dynamics identify`: from bags to a description that `replay-check` accepts."""
 
 import json
+from argparse import Namespace
 
+import numpy as np
 import pytest
-from peers.recorded import messages, panda_model, panda_motion, write_bag
+from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_motion, write_bag
 
 from robot_dynamics import load_robot
+from robot_dynamics.commands.known_payloads import carried
 from robot_dynamics.commands.main import main
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.identification.gains import Payload
+from robot_dynamics.replay.drives import direct_drives, load_drives
+from robot_dynamics.replay.recordings import open_recording
 
 
 @pytest.fixture(scope="module")
@@ -47,3 +54,64 @@ def test_what_cannot_be_is_refused(bags, tmp_path, capsys):
     ):  # fmt: skip
         assert main(["identify", str(bags[0]), "--robot", "panda", *map(str, arguments)]) == 1
         assert expected in capsys.readouterr().err
+
+
+CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]
+
+
+@pytest.fixture(scope="module")
+def currents(tmp_path_factory):
+    """Currents instead of efforts, without noise, of a bare Panda and of one that carries 2.5 kg, nobody says where."""
+    folder, bags = tmp_path_factory.mktemp("currents"), []
+    for name, model in (("bare", None), ("loaded", loaded_panda(2.5, (0.02, 0.01, 0.18), 0.01))):
+        motion = panda_motion(30.0, 50.0, seed=len(bags), viscous=1.5, coulomb=0.6, model=model)
+        bags.append(write_bag(folder / name, messages(motion._replace(efforts=motion.efforts / CONSTANTS))))
+    return bags
+
+
+def test_gains_from_currents_to_efforts_are_found_and_written(currents, tmp_path, capsys):
+    bare, loaded = map(str, currents)
+    fitted, drives, figures = (str(tmp_path / name) for name in ("panda.yaml", "drives.yaml", "fit.json"))
+    told = ["identify", bare, loaded, "--robot", "panda", "--gains", "--known-payload", f"{loaded}=panda_link8:2.5"]
+    assert main([*told, "--output", fitted, "--output-drives", drives, "--json", figures, "--jobs", "2"]) == 0
+    printed = capsys.readouterr().out
+    assert "Efforts of motors by what was measured" in printed and "48 base parameters" in printed
+    assert load_drives(drives, JOINTS).effort_gains == pytest.approx(CONSTANTS, rel=0.01)
+    told = json.loads(open(figures).read())["gains"]
+    assert [each["name"] for each in told] == list(JOINTS)
+    assert [each["gain"] for each in told] == pytest.approx(CONSTANTS, rel=0.01)
+    assert main(["replay-check", bare, "--robot", fitted, "--drives", drives]) == 0
+    assert main(["replay-check", bare, "--robot", "panda"]) == 3
+
+
+def test_gains_that_nothing_tells_are_refused(currents, capsys):
+    bare, loaded = map(str, currents)
+    assert main(["identify", bare, loaded, "--robot", "panda", "--gains"]) == 1
+    assert "twice the masses and twice the gains" in capsys.readouterr().err
+    everywhere = [f"--known-payload={path}=panda_link8:2.5" for path in currents]
+    assert main(["identify", bare, loaded, "--robot", "panda", "--gains", *everywhere]) == 1
+    assert "runs without it" in capsys.readouterr().err
+
+
+def test_payloads_are_understood_or_refused(currents):
+    robot = load_robot("panda")
+    recordings = [open_recording(path, direct_drives(JOINTS)) for path in currents]
+    loaded = str(currents[1])
+
+    def told(*payloads, gains=True, fitted=2):
+        arguments = Namespace(known_payload=list(payloads), gains=gains, recordings=currents[:fitted])
+        return carried(arguments, robot, recordings)
+
+    assert told(f"{loaded}=panda_link8:2.5") == {loaded: Payload("panda_link8", 2.5)}
+    for payloads, expected in (
+        ([f"{loaded}=panda_link8"], "RECORDING=LINK:MASS is needed"), ([loaded], "RECORDING=LINK:MASS is needed"),
+        ([f"{loaded}=panda_link8:-1"], "RECORDING=LINK:MASS is needed"), ([f"{loaded}=panda_link9:1"], "panda_link9"),
+        ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "none of the recordings"),
+        (2 * [f"{loaded}=panda_link8:1"], "has a payload already"),
+    ):  # fmt: skip
+        with pytest.raises(RobotDynamicsError, match=expected):
+            told(*payloads)
+    with pytest.raises(RobotDynamicsError, match="give both"):
+        told(f"{loaded}=panda_link8:1", gains=False)
+    with pytest.raises(RobotDynamicsError, match="in no recording that is fitted"):
+        told(f"{loaded}=panda_link8:1", fitted=1)

@@ -177,6 +177,22 @@ def test_loops_are_closed_from_where_they_were_when_the_robot_is_another(robot):
     np.testing.assert_allclose(made.step(0.2), efforts, rtol=1e-9, atol=1e-9)
 
 
+def test_references_beyond_the_limits_of_joints_are_refused_and_the_one_before_stays():
+    limited = ARM.replace("link: forearm,", "link: forearm, limits: {lower: -2, upper: 1.5, velocity: 3, effort: 8},")
+    made = Controller(Law(Dynamics(load_robot(limited)), ("elbow", "shoulder")), controller().settings)
+    points = np.zeros((3, 2, 2))
+    points[0] = [[1.5, 7.0], [-2.0, -7.0]]  # at the limits of one, the other has none
+    made.follow(0.0, 0.0, [0.0, 1.0], points)
+    for beyond in (1.51, -2.01):
+        points[0, 1, 0] = beyond
+        told = rf"points\[1\].positions has {beyond} for 'elbow': .* limits it to -2 to 1.5"
+        with pytest.raises(QuestionError, match=told):
+            made.follow(0.0, 0.0, [0.0, 1.0], points)
+        with pytest.raises(QuestionError, match=rf"points\[0\].positions has {beyond}"):
+            made.track(0.0, 0.0, points[:, 1])
+    assert made.without_reference == ""
+
+
 def test_a_trajectory_that_begins_later_is_reached_from_where_the_robot_is():
     made = controller()
     with pytest.raises(QuestionError, match="no state yet"):

@@ -5,6 +5,7 @@ import csv
 import numpy as np
 import pinocchio as pin
 import pytest
+from peers.known_panda import NOISE
 from peers.recorded import JOINTS, panda_model
 
 from robot_dynamics import Dynamics, load_robot
@@ -20,7 +21,6 @@ from robot_dynamics.replay.motions import Motion
 COLUMNS = effort_columns(Dynamics(load_robot("panda")), direct_drives(JOINTS))
 ACCELERATION = 8.0
 BOUNDS = joint_bounds(COLUMNS.dynamics, ACCELERATION)
-NOISE = np.array([0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05])
 RATE = 50.0
 
 

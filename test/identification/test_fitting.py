@@ -2,10 +2,11 @@
 
 import os
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
+from peers import known_panda
+from peers.known_panda import COULOMB, NOISE, VISCOUS
 from peers.recorded import JOINTS, panda_motion
 from scipy.stats import binom, chi2
 
@@ -23,10 +24,8 @@ from robot_dynamics.replay.motions import Motion
 RUNS = int(os.environ.get("NOISY_RUNS", "12"))
 DYNAMICS = Dynamics(load_robot("panda"))
 COLUMNS = effort_columns(DYNAMICS, direct_drives(JOINTS))
-NOISE = np.array([0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05])
-FRICTION = {"Fv": np.array([3.0, 2.5, 2.0, 2.0, 0.5, 0.4, 0.3]), "Fs": np.array([1.0, 1.2, 0.8, 0.7, 0.3, 0.2, 0.2])}
 OFFSETS = np.array([0.1, -0.2, 0.05, 0.0, 0.3, -0.1, 0.02])
-MOTION = panda_motion(duration=40.0, rate=50.0, viscous=FRICTION["Fv"], coulomb=FRICTION["Fs"])
+MOTION = panda_motion(duration=40.0, rate=50.0, viscous=VISCOUS, coulomb=COULOMB)
 
 
 class Known:
@@ -53,12 +52,7 @@ def efforts(seed=None):
 
 
 def truth():
-    """(P,) values of the columns, from the description and what was put in."""
-    robot = DYNAMICS.robot
-    joints = [replace(joint, viscous_friction=fv, coulomb_friction=fs) for joint, fv, fs
-              in zip(robot.joints, FRICTION["Fv"], FRICTION["Fs"], strict=True)]  # fmt: skip
-    parameters = Dynamics(replace(robot, joints=tuple(joints))).parameters
-    return np.concatenate([COLUMNS.from_parameters @ parameters, OFFSETS])
+    return known_panda.truth(COLUMNS, OFFSETS)
 
 
 def fit_of(measured, method="weighted", **settings):

@@ -118,6 +118,7 @@ def test_references_that_do_not_fit_are_refused_with_a_reason(stand):
         (trajectory(PANDA, two, [Q, Q], start=10**9), "the trajectory ended"),
         (with_effort, "points[1].effort has values"),
         (uneven, "points[1].velocities has 6 values: 7 are needed"),
+        (trajectory(PANDA, two, [Q, [*Q[:3], 0.2, *Q[4:]]]), "points[1].positions has 0.2 for 'panda_joint4'"),
     ):
         made.reference.publish(message)
         made.stream_until(lambda said=said: made.says(f"reference refused: {said}"), said)

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectoryPoint
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics_interfaces.srv import DirectDynamics, InverseDynamics
+from robot_dynamics_interfaces.srv import DirectDynamics, InverseDynamics, StaticEquilibrium
 
 DYNAMICS = Dynamics(load_robot("gough_stewart"), compiled=False)
 START = DYNAMICS.platform.pose(DYNAMICS.closed_positions)
@@ -61,6 +61,25 @@ def test_motion_of_the_platform_asks_for_efforts_and_comes_back_from_them(caller
     if not found.success:  # positions and velocities may not be left out where the joints are named
         raise AssertionError(found.message)
     np.testing.assert_allclose(base_accelerations(found.base), ACCELERATIONS, atol=1e-7)
+
+
+def test_poses_of_the_platform_ask_for_the_efforts_that_hold_it(caller, server):
+    request = StaticEquilibrium.Request()
+    request.trajectory.points = [JointTrajectoryPoint() for _ in POSES]
+    request.base.points = platform_points()
+    assert "velocities that are not zero: the platform is at rest" in call(caller, server, request).message
+    for point in request.base.points:
+        point.velocities = []
+    request.base.points[0].accelerations = [twist(ACCELERATIONS[0])]
+    assert not call(caller, server, request).success
+    request.base.points[0].accelerations = []
+    answer = ask(caller, server, request)
+    order = [DYNAMICS.robot.joint_numbers[name] for name in answer.trajectory.joint_names]
+    q = DYNAMICS.platform.motion(POSES)[0]
+    np.testing.assert_allclose(field(answer.trajectory, "positions"), q[:, order], rtol=1e-8, atol=1e-8)
+    held = DYNAMICS.platform.inverse(POSES, np.zeros((5, 6)), np.zeros((5, 6)))  # efforts of no motion at all
+    np.testing.assert_allclose(field(answer.trajectory, "effort")[:, : held.shape[1]], held, rtol=1e-8, atol=1e-7)
+    assert len(answer.stable) == 5
 
 
 def test_what_the_base_tells_is_not_told_twice(caller, server):

@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from geometry_msgs.msg import Twist
 from nodes.stand import Stand
-from peers.recorded import messages, panda_motion, write_bag
+from peers.recorded import loaded_panda, messages, panda_motion, write_bag
 from rosidl_parser.definition import AbstractSequence, NamespacedType
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -66,6 +67,9 @@ def started_as(command):
             parameters[name] = yaml.safe_load(text)
         if flag == "-r":
             namespace = value.removeprefix("__ns:=")
+        if flag == "--params-file":
+            (told,) = yaml.safe_load((ROOT / value).read_text()).values()
+            parameters.update(told["ros__parameters"])
     return parameters, namespace
 
 
@@ -101,7 +105,7 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                     assert response.base.points[0].accelerations[0].linear.z < 0
             if namespace == "/":
                 command = [sys.executable, "-c", python_of("rclpy")]
-                python = subprocess.run(command, capture_output=True, text=True, timeout=60)
+                python = subprocess.run(command, capture_output=True, text=True, timeout=180)
                 assert python.stdout.startswith("True  [") and "successful=True" in python.stdout, python
             for _, _, _, node, parameter, text in words(f"ros2 param set {name}"):
                 result = caller.set_parameters(node, {parameter: yaml.safe_load(text)})
@@ -142,18 +146,19 @@ def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
     (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
     found = Dynamics(load_robot(mast)).elastodynamics.frequencies([0.0, 0.0])
     assert 1 < found[0] < 20 and not load_robot(mast).warnings
-    write_bag(tmp_path / "run", messages(panda_motion(duration=12.0)))
+    for name, model in (("run", None), ("run_loaded", loaded_panda(2.5))):
+        write_bag(tmp_path / name, messages(panda_motion(duration=12.0, model=model)))
     commands = [command for command in COMMANDS if command.startswith(".venv/bin/robot-dynamics")]
     for command in commands:
         program = Path(sys.executable).with_name("robot-dynamics")
         told = command.strip().replace(".venv/bin/robot-dynamics", str(program))
-        done = subprocess.run(told, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(told, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=180)
         assert done.returncode == 0 and not done.stderr, done
     arm, longer, panda = (load_robot(tmp_path / name) for name in ("arm.yaml", "longer.yaml", "panda.urdf"))
     assert (arm.joints[1].placement[0, 3], longer.joints[1].placement[0, 3]) == (0.4, 0.5)
     assert [joint.role for joint in arm.joints] == ["actuated", "elastic"] and not arm.warnings
     assert Dynamics(panda, compiled=False).joint_names == Dynamics(load_robot("panda"), compiled=False).joint_names
-    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 18
+    assert load_robot(tmp_path / "puma560.par").name == "puma560" and len(commands) == 19
     assert "passed" in (tmp_path / "report.html").read_text()
     assert "longer.yaml" in README and (tmp_path / "mdh.schema.json").read_text().startswith("{")
 
@@ -170,14 +175,14 @@ def python_of(beginning):
 
 def test_command_line_says_what_it_takes_and_refuses_the_rest():
     command = [sys.executable, "-m", "robot_dynamics.nodes.dynamics_server"]
-    helped = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=60)
+    helped = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=180)
     assert helped.returncode == 0 and "robot_file:=panda" in helped.stdout
     for wrong in (["panda"], ["-p", "robot_file:=panda"], ["--ros-args", "-p", "robot_file"]):
-        refused = subprocess.run([*command, *wrong], capture_output=True, text=True, timeout=60)
+        refused = subprocess.run([*command, *wrong], capture_output=True, text=True, timeout=180)
         assert refused.returncode != 0 and wrong[-1] in refused.stderr and "Traceback" not in refused.stderr
     for node, wrong in (("computed_torque", "kp:=[-5.0]"), ("mobile_base_simulator", "step:=-0.1")):
         command = [sys.executable, "-m", f"robot_dynamics.nodes.{node}", "--ros-args", "-p", wrong]
-        refused = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        refused = subprocess.run(command, capture_output=True, text=True, timeout=180)
         assert refused.returncode == 1 and f"parameter {wrong.split(':')[0]} is" in refused.stderr
         assert "Traceback" not in refused.stderr
 
@@ -230,8 +235,8 @@ def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
 def test_simulators_of_the_readme_run_and_take_its_messages(caller):
     started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" not in command[-1]]
     said = [command for command in words("ros2 topic pub") if "/mobile_base_simulator/" in command[3]]
-    assert len(started) == 2 and len(said) == 2
-    for command in started:
+    assert len(started) == 3 and len(said) == 2
+    for command in started[:2]:
         parameters, namespace = started_as(command)
         with running_node("mobile_base_simulator", parameters, namespace):
             node = Simulated(f"{namespace.rstrip('/')}/mobile_base_simulator", caller)
@@ -245,6 +250,23 @@ def test_simulators_of_the_readme_run_and_take_its_messages(caller):
             if namespace == "/":
                 node.wait_until(lambda node=node: any(np.any(s.effort) for s in node.joint_states), "efforts that act")
                 assert not node.says("refused:")
+
+
+def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(caller):
+    (command,) = [command for command in words(".venv/bin/mobile_base_simulator") if "--params-file" in command]
+    (driven,) = [command for command in words("ros2 topic pub") if "/cmd_vel" in command]
+    message = fill(Twist(), yaml.safe_load(driven[-1]))
+    with running_node("mobile_base_simulator", started_as(command)[0]):
+        node = Simulated("/mobile_base_simulator", caller)
+
+        def there():
+            node.publish("/cmd_vel", message)
+            return node.odom and abs(node.odom[-1].twist.twist.angular.z - message.angular.z) < 1e-4
+
+        node.wait_until(there, "the twist that was commanded")
+        told = dict(zip(node.joint_states[-1].name, node.joint_states[-1].velocity, strict=True))
+    for wheel, side in (("wheel_left_joint", -1), ("wheel_right_joint", 1)):  # 0.033 m of radius, 0.16 m apart
+        assert told[wheel] == pytest.approx((message.linear.x + side * 0.08 * message.angular.z) / 0.033, rel=1e-3)
 
 
 def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(caller):

@@ -7,12 +7,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from peers import flights
 from peers.recorded import BEGINNING, JOINTS, panda_model, panda_motion
+from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
-from robot_dynamics.nodes.messages import nanoseconds
+from robot_dynamics.nodes.messages import nanoseconds, write_pose, write_twist
 
 from .stand import DEEP, to_time
 
@@ -24,12 +28,12 @@ NOISE = 0.05
 class Watch:
     """Tells the node of joint states, and keeps what it says."""
 
-    def __init__(self, name, caller):
+    def __init__(self, name, caller, topics=("joint_states", "wrist_states")):
         self.name, self.caller, self.predicted, self.residuals = name, caller, [], []
         self.whole, self.joints = [], {}  # (level, message, values), last of each joint
         node, namespace = caller.node, name.rpartition("/")[0]
         self.outs = [node.create_publisher(JointState, f"{namespace}/{topic}", DEEP)
-                     for topic in ("joint_states", "wrist_states")]  # fmt: skip
+                     for topic in topics]  # fmt: skip
         self._held = [
             node.create_subscription(kind, topic, take, DEEP)
             for kind, topic, take in (
@@ -210,8 +214,33 @@ def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(wat
         result = watch.caller.set_parameters(watch.name, values)
         assert not result.successful and reason in result.reason
     assert watch.caller.set_parameters(watch.name, {"base": "moving"}).successful
-    watch.wait_until(lambda: watch.whole[-1][0] == ERROR and watch.says("moving base"), "that nothing is checked")
+    watch.wait_until(lambda: watch.whole[-1][0] == WARN and watch.says("the base for"), "that odom is missing")
     report = watch.ask("report")
-    assert not report.success and "moving base" in report.message
+    assert not report.success and "nothing was compared yet" in report.message
     assert watch.caller.set_parameters(watch.name, {"base": ""}).successful
-    watch.wait_until(lambda: watch.says("nothing was compared yet"), "that it begins anew")
+    watch.wait_until(lambda: not watch.says("the base for"), "that it begins anew")
+
+
+def test_an_arm_that_flies_is_checked_with_odom_and_a_payload_it_does_not_have_is_seen(start_module_server, caller):
+    parameters = {"robot_file": "free_flying_arm", "gravity": list(flights.GRAVITY), "topics": ["joint_states"]}
+    watch = Watch(start_module_server(parameters, executable="replay_check"), caller, topics=("joint_states",))
+    namespace = watch.name.rpartition("/")[0]
+    watch.outs.append(caller.node.create_publisher(Odometry, f"{namespace}/odom", DEEP))
+    watch.wait_until(lambda: watch.outs[-1].get_subscription_count(), "odom is heard")
+    told, names = [], Dynamics(load_robot("free_flying_arm"), compiled=False).joint_names
+    for number, sample in enumerate(flights.flight(1, 6.0)):
+        told.append((0, stated(sample.time, sample.q, sample.qd, sample.efforts, names)))
+        if number % 4 == 0:
+            odom = Odometry(header=told[-1][1].header, child_frame_id="base_body")
+            turned = Rotation.from_matrix(sample.pose[:3, :3]).as_quat()
+            odom.pose.pose, odom.twist.twist = write_pose(sample.pose[:3, 3], turned), write_twist(sample.twist)
+            told.append((1, odom))
+    watch.tell(told)
+    watch.wait_until(lambda: watch.joints, "verdicts")
+    assert {level for level, *_ in watch.joints.values()} <= {OK, STALE}
+    report = watch.ask("report")
+    assert report.success and report.message.count("  passed") == 6
+    loaded = {"payload.link": "arm_tool0", "payload.mass": 5.0}
+    assert caller.set_parameters(watch.name, loaded).successful  # by the model, and not in truth
+    watch.tell(told)
+    watch.wait_until(lambda: named(watch), "joints out of tolerance")

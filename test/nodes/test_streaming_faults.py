@@ -220,17 +220,18 @@ def test_a_clock_that_jumps_back_stops_efforts_until_a_new_reference(start_serve
 
 
 def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):
-    namespace, slowly = "/killed", {**TOLD, "ramp_time": 1.0}
+    namespace, ramp = "/killed", 10.0  # [s] longer than it may take until the new process is heard
     with publisher(namespace), stand_of(f"{namespace}/computed_torque", caller) as stand:
-        with running_node("computed_torque", slowly, namespace) as process:
+        with running_node("computed_torque", TOLD, namespace) as process:
             stand.wait_until(lambda: held(stand), "efforts")
             process.send_signal(signal.SIGKILL)
             process.wait()
         time.sleep(0.5)  # what it had sent before arrives
-        count = len(stand.commands)
-        with running_node("computed_torque", slowly, namespace):
-            stand.wait_until(lambda: len(stand.commands) > count + 20 and held(stand), "efforts again")
-        sent = np.array([efforts for _, efforts in stand.commands[count:]])
-        assert np.abs(sent[0]).max() < 0.5 * np.abs(HELD).max()  # the first messages come before this process listens
+        count, since, started = len(stand.commands), len(stand.efforts), time.time_ns()
+        with running_node("computed_torque", {**TOLD, "ramp_time": ramp}, namespace):
+            stand.wait_until(lambda: len(stand.efforts) > since + 20, "efforts again")
+        first, sent = stand.efforts[since], np.array([efforts for _, efforts in stand.commands[count:]])
+        share = np.abs(first.effort).max() / np.abs(HELD).max()  # of the ramp, by which it was at zero
+        assert nanoseconds(first.header.stamp) - share * ramp * 1e9 > started
         assert np.abs(np.diff(sent[:-1], axis=0)).max() < 0.1 * np.abs(HELD).max()
         assert not np.any(sent[-1]), "the last of a node that ends are zeros"

@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio as pin
 from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from robot_dynamics.model.library import shipped_robots
 
@@ -28,13 +29,14 @@ class Motion(NamedTuple):
     efforts: np.ndarray
 
 
-def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0):
-    """Fourier series of up to 0.5 Hz about the middle of the joints, exact derivatives; efforts by Pinocchio."""
+def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0):
+    """Fourier series of up to 0.5 Hz times `speed` about the middle of the joints, exact derivatives; efforts by
+    Pinocchio."""
     rng, times = np.random.default_rng(seed), start + np.arange(int(duration * rate)) / rate
     q, qd, qdd = (np.zeros((len(times), 7)) for _ in range(3))
     q += MIDDLE
     for frequency in (0.1, 0.2, 0.35, 0.5):
-        w = 2 * np.pi * frequency
+        w = 2 * np.pi * frequency * speed
         amplitude, phase = rng.uniform(0.1, 0.3, 7), rng.uniform(0, 2 * np.pi, 7)
         angles = w * times[:, None] + phase
         q += amplitude * np.sin(angles)
@@ -48,6 +50,13 @@ def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, mo
 
 def panda_model():
     return pin.buildModelFromXML(shipped_robots()["panda"].read_text())
+
+
+def loaded_panda(mass, centre=(0.0, 0.0, 0.1), moment=0.0):
+    """Model of a Panda that carries a body: mass [kg], its centre in the last link [m], moments of inertia about it."""
+    model = panda_model()
+    model.appendBodyToJoint(7, pin.Inertia(mass, np.array(centre), moment * np.eye(3)), pin.SE3.Identity())
+    return model
 
 
 def message(time, names, position, velocity=(), effort=()):
@@ -64,6 +73,19 @@ def message(time, names, position, velocity=(), effort=()):
 def messages(motion, names=JOINTS):
     return [message(*row[:1], names, *row[1:])
             for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)]  # fmt: skip
+
+
+def odometry(time, pose, twist):
+    """An Odometry of `rosbags`: pose (4, 4) and twist (6,) of a base, `time` [s] after BEGINNING."""
+    types = STORE.types
+    kinds = {name: types[f"geometry_msgs/msg/{name}"] for name in (
+        "Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")}  # fmt: skip
+    header = message(time, (), ()).header
+    turned = kinds["Quaternion"](*Rotation.from_matrix(pose[:3, :3]).as_quat())
+    placed = kinds["PoseWithCovariance"](kinds["Pose"](kinds["Point"](*pose[:3, 3]), turned), np.zeros(36))
+    moved = kinds["Twist"](kinds["Vector3"](*twist[:3]), kinds["Vector3"](*twist[3:]))
+    of_twist = kinds["TwistWithCovariance"](moved, np.zeros(36))
+    return types["nav_msgs/msg/Odometry"](header, "base_body", placed, of_twist)
 
 
 def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states"):

@@ -5,7 +5,7 @@ import pytest
 from peers.recorded import JOINTS, message, messages, panda_motion, write_bag
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.errors import DescriptionError, QuestionError, RecordingError
+from robot_dynamics.errors import DescriptionError, RecordingError
 from robot_dynamics.replay.checking import check
 from robot_dynamics.replay.comparison import Comparison
 from robot_dynamics.replay.drives import direct_drives, load_drives, write_drives
@@ -185,13 +185,6 @@ def test_efforts_that_say_nothing_are_refused_and_joints_without_are_named(tmp_p
         checked(write_bag(tmp_path / "none", nothing))
     with pytest.raises(RecordingError, match=r"nothing is left to look at\. .*samples are in stretches too short"):
         checked(write_bag(tmp_path / "short", messages(MOTION)[:9]))
-
-
-def test_a_moving_base_is_refused(tmp_path):
-    flying = Dynamics(load_robot("free_flying_arm"))
-    bag = write_bag(tmp_path / "run", messages(MOTION))
-    with pytest.raises(QuestionError, match="has a moving base"):
-        check(open_recording(bag, direct_drives(flying.joint_names)), flying, load_tolerances())
 
 
 def test_csv_with_named_columns_is_read_as_a_bag_is(tmp_path):
