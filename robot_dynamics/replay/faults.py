@@ -31,9 +31,9 @@ NEAR = 15.0  # squares of the noise by which another onset may be worse, and sti
 
 @dataclass(frozen=True)
 class Fault:
-    """kind: payload, friction, swapped, sign or delay; joints: names; onset, and between: the earliest and latest that
-    it may be [s]; gain: squares of the noise that it takes off the residuals that follow, of `total`; sentence: what
-    it is."""
+    """kind: payload, friction, swapped, sign or delay; joints: names; onset, and between: the earliest and the latest
+    that it may be [s]; gain: squares of the noise that it takes off the residuals that follow, of `total`; sentence:
+    what it is."""
 
     kind: str
     joints: tuple
@@ -46,8 +46,8 @@ class Fault:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """kind; joints: numbers; gains: (N,) squares of the noise that it takes off if it begins at each row; row: where it
-    takes off most; effect: (N, n) that it has on efforts then; told: what it is."""
+    """kind; joints: numbers; gains: squares of the noise that it takes off if it begins at each of the rows that may be
+    its onset; row: where that is most; effect: (N, n) that it has on efforts then; told: what it is."""
 
     kind: str
     joints: tuple
@@ -136,7 +136,8 @@ class Evidence:
             gains = np.einsum("ta,ta->t", sizes, products)
         else:
             sizes, gains = np.ones((len(white), 1)), 2 * products[:, 0] - squares[:, 0, 0]
-        row = _onset(signals, gains)
+        gains = _of_onsets(signals, gains)
+        row = int(np.argmax(gains))
         effect = np.zeros_like(white)
         effect[row:, joints] = columns[row:] @ sizes[row]
         return Explanation(kind, tuple(joints), gains, row, effect, self._told(kind, joints, sizes[row]))
@@ -160,8 +161,8 @@ class Evidence:
             for shift, effect in effects.items():
                 change = effect - effects[before]
                 squares, products = noise.sums(change[..., None], rest, joints)
-                gains = told + 2 * products[:, 0] - squares[:, 0, 0]
-                row = _onset(signals, gains)
+                gains = _of_onsets(signals, told + 2 * products[:, 0] - squares[:, 0, 0])
+                row = int(np.argmax(gains))
                 if best is None or gains[row] > best.gain:
                     sentence = f"efforts are {1000 * (shift - before):+.0f} ms late"
                     whole = effects[before] + np.where(np.arange(len(white))[:, None] >= row, change, 0)
@@ -177,15 +178,17 @@ class Evidence:
         total = float((white[best.row :] ** 2).sum())
         if best.gain <= max(LEAST_GAIN, EXPLAINED * total):
             return None
-        onset = float(signals.times[best.row])
-        near = signals.times[best.gains >= best.gain - NEAR]
-        between = float(max(near[0] - signals.step, signals.times[0])), float(near[-1] + signals.step)
+        times = signals.times[: len(best.gains)]
+        chances = np.cumsum(np.exp((best.gains - best.gain) / 2))
+        onset = float(times[np.searchsorted(chances, 0.5 * chances[-1])])  # half of what is likely is before it
+        near = times[best.gains >= best.gain - NEAR]
+        between = float(max(near[0] - signals.step, times[0])), float(near[-1] + signals.step)
         names = tuple(self.names[joint] for joint in best.joints) if best.kind not in ("payload", "delay") else ()
         told = f"{best.told}, since {onset:.4g} s (between {between[0]:.4g} and {between[1]:.4g} s)"
         return Fault(best.kind, names, onset, between, float(best.gain), total, told)
 
 
-def _onset(signals, gains):
-    """The row from which on gains (N,) are largest."""
-    last = np.searchsorted(signals.times, signals.times[signals.sound][-1] - LEAST_AFTER) if signals.sound.any() else 1
-    return int(np.argmax(gains[: max(1, last)]))
+def _of_onsets(signals, gains):
+    """Those of gains (N,) whose rows may be the onset of a fault."""
+    last = signals.times[signals.sound][-1] - LEAST_AFTER
+    return gains[: max(1, np.searchsorted(signals.times, last))]
