@@ -12,7 +12,6 @@ from robot_dynamics.commands.written import write_text
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats import par_writer, urdf_writer
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.library import read_file
 from robot_dynamics.model.mdh_table import table
 
 NAME = "convert"
@@ -40,12 +39,6 @@ def run(told):
         raise DescriptionError(f"{target}: the ending says the format, {', '.join(WRITERS)} are known")
     robot = robot_of(told)
     text = WRITERS[target.suffix](robot, told.lossy)
-    try:
-        for read in (read_file(told.robot)[1], told.values):
-            if read is not None and target.exists() and target.samefile(read):
-                raise DescriptionError(f"{target} is what was read: write to another file")
-    except (OSError, ValueError):  # neither one nor the other: writing says what is wrong with the target
-        pass
     write_text(target, text)
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
     for sentence in LOSSES.get(target.suffix, lambda robot: [])(robot):

@@ -15,7 +15,7 @@ from robot_dynamics.commands.known_payloads import add_gain_arguments, carried
 from robot_dynamics.commands.recording_arguments import add_recording_arguments, opened
 from robot_dynamics.commands.text_table import print_table
 from robot_dynamics.commands.workers import add_worker_arguments, workers
-from robot_dynamics.commands.written import write_text
+from robot_dynamics.commands.written import check_table_ending, write_text
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
 
@@ -41,6 +41,8 @@ def add_arguments(parser):
 
 
 def run(told):
+    for option, path in (("--output", told.output), ("--output-drives", told.output_drives)):
+        check_table_ending(option, path)
     dynamics, recordings = opened(told, [*told.recordings, *told.validate])
     if not 0 <= told.hold_out < 0.95:
         raise RecordingError(f"--hold-out {told.hold_out:g}: a part of the recording, 0 to 0.95, is needed")

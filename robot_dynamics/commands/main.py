@@ -18,14 +18,16 @@ from robot_dynamics.commands import (
     shipped,
     show,
 )
+from robot_dynamics.commands.written import refuse_overwriting
 from robot_dynamics.errors import RobotDynamicsError
 
+INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
 VERBS = (show, convert, generate, count, map, frequencies, replay_check, identify, excite, shipped, schema)
 
 
 def main(arguments=None):
-    """Run the command; returns its exit status: 0, 1 where it was refused, with the reason on stderr, or what the
-    verb says."""
+    """Run the command; returns its exit status: 0, 1 where it was refused, with the reason on stderr, 130
+    where the user interrupted it, or what the verb says."""
     parser = argparse.ArgumentParser(
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
@@ -42,6 +44,7 @@ def main(arguments=None):
             stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
     try:
+        refuse_overwriting(told)
         status = told.run(told)
         sys.stdout.flush()
     except RobotDynamicsError as error:
@@ -50,8 +53,12 @@ def main(arguments=None):
     except BrokenPipeError:  # the reader of our output, a pager or head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
+    except KeyboardInterrupt:
+        print(f"robot-dynamics {told.verb}: interrupted", file=sys.stderr)
+        return INTERRUPTED
     except OSError as error:  # a full disk behind a redirection
-        print(f"robot-dynamics {told.verb}: {error.strerror}", file=sys.stderr)
+        where = "" if error.filename is None else f"{error.filename}: "
+        print(f"robot-dynamics {told.verb}: {where}{error.strerror}", file=sys.stderr)
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     return status or 0

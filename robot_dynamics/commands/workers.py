@@ -1,6 +1,7 @@
 """Who does the work on many recordings: this process, several on this machine, or a Dask cluster."""
 
 import os
+import signal
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -45,8 +46,10 @@ def _processes(jobs):
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # a BLAS reads it when a process begins
     try:
-        # spawned: a fork would copy locks that threads of this process hold
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as executor:
+        # spawned: a fork would copy locks that threads of this process hold. Ctrl-C ends all processes, of which this
+        # one tells it
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=signal.signal,
+                                 initargs=(signal.SIGINT, signal.SIG_DFL)) as executor:  # fmt: skip
             yield executor
     except BrokenProcessPool:
         raise RobotDynamicsError(

@@ -3,7 +3,13 @@
 from contextlib import contextmanager
 from pathlib import Path
 
-from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.errors import DescriptionError, RobotDynamicsError
+from robot_dynamics.model.library import shipped_robots
+
+READ = ("recordings", "validate", "robot", "values", "drives", "tolerances", "golden")  # arguments of all verbs
+WRITTEN = ("target", "output", "output_drives", "json", "report", "csv", "write_golden")
+RECORDED = (".mcap", ".db3", ".csv", ".yaml")  # endings of files in the folder of a recording
+TABLES = (".yaml", ".yml")
 
 
 @contextmanager
@@ -31,3 +37,41 @@ def check_writable(path):
         pass
     if not file.stat().st_size:
         file.unlink()
+
+
+def refuse_overwriting(told):
+    """Refuse parsed arguments by which a verb would write over what it reads. Raises RobotDynamicsError."""
+    shipped = shipped_robots()
+    read = [Path(shipped.get(str(name), name)) for name in _paths(told, READ)]
+    for output in map(Path, _paths(told, WRITTEN)):
+        try:
+            if output.exists() and any(output.samefile(file) for path in read for file in _files(path)):
+                raise RobotDynamicsError(f"{output} is what was read: write to another file")
+        except (OSError, ValueError):  # a name that no file can have: writing says so
+            pass
+
+
+def check_table_ending(option, path):
+    """Refuse a path (None: there is none) at which a YAML would be taken for something else. Raises
+    DescriptionError."""
+    if path is not None and Path(path).suffix not in TABLES:
+        raise DescriptionError(f"{option} {path}: YAML is written: a file that ends with {' or '.join(TABLES)} is "
+                               "needed; `convert` makes a URDF or .par of a robot in YAML")  # fmt: skip
+
+
+def _paths(told, names):
+    """Paths, as they were typed, of those arguments that a verb has and that were given."""
+    for name in names:
+        value = getattr(told, name, None) or ()
+        yield from (value,) if isinstance(value, str | Path) else value
+
+
+def _files(path):
+    """The files that are read of a path: itself, and those of the folder of a recording."""
+    try:
+        if path.is_dir():
+            yield from (file for file in path.iterdir() if file.suffix in RECORDED)
+        elif path.exists():
+            yield path
+    except (OSError, ValueError):  # reading says what is wrong with it
+        return

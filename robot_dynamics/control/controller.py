@@ -154,6 +154,14 @@ class Controller:
         self.watchdog.refuse(reason)
         return self._efforts(now, now)
 
+    def halt(self, reason):
+        """Efforts of zero at once: time stands still, and no ramp would end."""
+        self.watchdog.refuse(reason)
+        self.fault = reason
+        self._enter("fault")
+        self.sent[:] = 0.0
+        return self.sent
+
     def tick(self, now):
         """Efforts to send where no good state did it lately, else None."""
         self.fault = self.watchdog.fault(now)

@@ -26,6 +26,11 @@ class Watchdog:
         return self._heard
 
     @property
+    def reason(self):
+        """Why the last state cannot be used, empty where it can."""
+        return self._refused
+
+    @property
     def misses(self):
         """How many answers in a row were late."""
         return self._misses

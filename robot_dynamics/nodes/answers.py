@@ -45,8 +45,8 @@ def answer_direct_dynamics(request, response, dynamics, namespace):
 
 
 def _complete(request, response, dynamics, namespace, given, asked):
-    robot, points = dynamics.robot, request.trajectory.points
     by_platform, order = _asked_by(request, dynamics, namespace)
+    robot, points = dynamics.robot, request.trajectory.points
     times = _times(points, (asked,), "it is what is asked for")
     wrenches = read_wrenches(request.external_wrenches, times, robot, namespace)
     if by_platform:
@@ -81,8 +81,11 @@ def _complete(request, response, dynamics, namespace, given, asked):
 
 
 def _asked_by(request, dynamics, namespace):
-    """(whether the platform tells where the robot is, JointOrder): then joints need not be named."""
+    """(whether the platform tells where the robot is, JointOrder): then joints need not be named, nor have points."""
     by_platform = is_asked_by_platform(request, dynamics.robot)
+    if by_platform and not request.trajectory.points:
+        told = [point.time_from_start for point in request.base.points]
+        request.trajectory.points = [JointTrajectoryPoint(time_from_start=time) for time in told]
     names = request.trajectory.joint_names or (dynamics.joint_names if by_platform else [])
     return by_platform, match_joints(names, dynamics, namespace)
 
@@ -99,8 +102,8 @@ def _times(points, left_empty, why):
 
 def answer_static_equilibrium(request, response, dynamics, namespace):
     """StaticEquilibrium.srv: where joints without motor come to rest, and the efforts that hold the others."""
-    robot, points = dynamics.robot, request.trajectory.points
     by_platform, order = _asked_by(request, dynamics, namespace)
+    robot, points = dynamics.robot, request.trajectory.points
     times = _times(points, ("velocities", "accelerations", "effort"), "it is part of the answer")
     wrenches = read_wrenches(request.external_wrenches, times, robot, namespace)
     if by_platform:

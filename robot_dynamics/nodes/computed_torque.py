@@ -8,6 +8,7 @@ from time import perf_counter
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
@@ -20,7 +21,7 @@ from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
 from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
 from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations, without_numbers
 from robot_dynamics.nodes.joint_states import JointStateReader
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
@@ -31,6 +32,7 @@ from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
 
 RCLError = rclpy_implementation.RCLError
+STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait
 TICK = 0.005  # [s] between looks at the age of the state, at most
 ANOTHER_CLOCK = 10.0  # [s] of age that no delay explains
 SWITCH = 2e-4  # [s] after which a thread that loads a robot lets the one that streams go on
@@ -53,9 +55,12 @@ class ComputedTorque(LifecycleNode):
         super().__init__("computed_torque", **arguments)
         self._controller = self._reader = self._pending = None
         self._active, self._built, self._start_wanted = False, False, False
-        self._last_time, self._out_of_order, self._refused, self._refusal = -np.inf, 0, 0, ""
+        self._last_time, self._out_of_order, self._refused = -np.inf, 0, 0
+        self._refusal = self._last_refusal = ""
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
+        self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
+        self._logged = self._fault = ""
         declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
@@ -77,7 +82,10 @@ class ComputedTorque(LifecycleNode):
             self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
             self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, STREAMED),
         ]
-        self._timer = self.create_timer(self._tick_period(), self._on_tick)
+        # a timer of the machine's time: that of a simulation may stand still for ever
+        self._timer = self.create_timer(
+            self._tick_period(), self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
 
     def _tick_period(self):
         return min(TICK, self._values["state_timeout"] / 4)
@@ -129,7 +137,8 @@ class ComputedTorque(LifecycleNode):
     def on_activate(self, state):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
-        self._last_time, self._active = -np.inf, True
+        self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
+        self._fault = without_numbers(self._controller.watchdog.reason)
         return super().on_activate(state)
 
     def on_deactivate(self, state):
@@ -219,7 +228,7 @@ class ComputedTorque(LifecycleNode):
     def _on_joint_states(self, message):
         if not self._active:
             return
-        began = perf_counter()
+        began = self._heard_at = perf_counter()
         if self._pending is not None:
             self._exchange()
         controller, now = self._controller, self._now()
@@ -266,8 +275,14 @@ class ComputedTorque(LifecycleNode):
             return
         if self._pending is not None:
             self._exchange()
-        now = self._now()
-        efforts = self._controller.tick(now)
+        now, before = self._now(), self._ticked
+        self._ticked = now
+        if now != before:
+            efforts = self._controller.tick(now)
+        elif perf_counter() - self._heard_at > STANDSTILL:
+            efforts = self._controller.halt(f"no joint_states for {STANDSTILL:g} s, and the clock stands still")
+        else:
+            return
         if efforts is not None:
             self._outputs.send(efforts)
             self._tell(now)
@@ -276,7 +291,20 @@ class ComputedTorque(LifecycleNode):
         """Publish ~/state where it is time to, and /diagnostics where something else is to be told."""
         controller = self._controller
         self._outputs.tell(controller, time, self._values["state_rate"])
+        self._log(controller.fault)
         self._diagnostics.changed(controller.fault, controller.doing, controller.without_reference, self._refusal)
+
+    def _log(self, fault):
+        """Where efforts go to zero, and where they come back, for who looks at a terminal."""
+        if fault is self._logged:
+            return
+        self._logged, before, plain = fault, self._fault, without_numbers(fault)
+        if plain != before:
+            self._fault = plain
+            if fault:
+                self.get_logger().warning(f"efforts go to zero: {fault}")
+            else:
+                self.get_logger().info("efforts are sent again")
 
     def _on_reference(self, message):
         def follow(controller, now):
@@ -308,6 +336,7 @@ class ComputedTorque(LifecycleNode):
                 self.get_logger().error(traceback.format_exc())
                 reason = f"internal error, please report it: {error!r}"
             self._refused, self._refusal = self._refused + 1, f"{topic} refused: {reason}"
+            self._last_refusal = self._refusal
             self.get_logger().warning(self._refusal, throttle_duration_sec=1.0)
 
     # What it says of itself
@@ -320,7 +349,7 @@ class ComputedTorque(LifecycleNode):
                 "saturated": self._saturated,
                 "states out of order": self._out_of_order,
                 "references refused": self._refused,
-                "last refusal": self._refusal,
+                "last refusal": self._last_refusal,
             }
         )
         self._late = self._saturated = 0

@@ -173,7 +173,10 @@ def recorded(caller, loop, namespace, path):
     except ImportError as error:
         print(f"no bag is written: {error}. pip install rosbags mcap")
         return nullcontext()
-    shutil.rmtree(path, ignore_errors=True)
+    if path.exists():
+        if {file.suffix for file in path.iterdir()} - {".mcap", ".yaml"}:
+            raise RobotDynamicsError(f"{path} is no bag of the demo, which would write it anew: name another by --bag")
+        shutil.rmtree(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     topics = {
         f"{namespace}/joint_states": JointState,

@@ -1,5 +1,6 @@
 """What a node says of itself on /diagnostics: level, reason, and figures of what it did in the last second."""
 
+import re
 from array import array
 
 import numpy as np
@@ -9,7 +10,13 @@ from rclpy.clock import Clock, ClockType
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 STALE = DiagnosticStatus.STALE
 PERIOD = 1.0  # [s]
+NUMBER = re.compile(r"\d[\d.e+-]*")
 SOONEST = 0.1  # [s] between two messages when what they say changes
+
+
+def without_numbers(text):
+    """A text (or whether something is so) with its numbers taken out: what stays the same while they change."""
+    return NUMBER.sub("#", str(text))
 
 
 class Durations:
@@ -53,13 +60,19 @@ class Diagnostics:
         self._node, self._name, self._report, self._parts = node, name, report, parts
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._told, self._told_at = None, self._clock.now().nanoseconds
+        self._seen = self._told = None
+        self._told_at = self._clock.now().nanoseconds
         self._timer = node.create_timer(PERIOD, self.publish, clock=self._clock)
 
     def changed(self, *what):
-        """Tell it now where `what` (level and message, say) is not what it was when this was last asked."""
-        if what != self._told and (self._clock.now().nanoseconds - self._told_at) * 1e-9 > SOONEST:
-            self._told = what
+        """Tell it now where `what` (texts) is not what it was when this was last asked, but for the numbers in it."""
+        if what == self._seen:
+            return
+        plain = tuple(map(without_numbers, what))
+        if plain == self._told:
+            self._seen = what
+        elif (self._clock.now().nanoseconds - self._told_at) * 1e-9 > SOONEST:
+            self._seen, self._told = what, plain
             self.publish()
 
     def publish(self):

@@ -26,7 +26,7 @@ from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.running import run
 from robot_dynamics.nodes.simulator_inputs import SimulatorInputs
-from robot_dynamics.nodes.simulator_parameters import FIXED, LIVELY, PARAMETERS, checked, simulated
+from robot_dynamics.nodes.simulator_parameters import FIXED, LIVELY, PARAMETERS, beyond_limits, checked, simulated
 
 try:
     from tf2_msgs.msg import TFMessage
@@ -56,6 +56,7 @@ class MobileBaseSimulator(Node):
     def __init__(self, **arguments):
         super().__init__("mobile_base_simulator", **arguments)
         self._served = self._simulated = self._inputs = self._candidate = None
+        self._anew = False  # whether what is a candidate begins where it says
         self._paused, self._failure, self._refused, self._last_refusal = True, "", 0, ""
         self._steps, self._behind, self._took, self._stopped = 0, 0, Durations(), False
         self._last_told, self._last_answer, self._told_times = -np.inf, -np.inf, 0  # [s] of the machine; how often
@@ -103,21 +104,28 @@ class MobileBaseSimulator(Node):
             return
         self._served = self._robot.dynamics
         try:
-            self._simulate(self._candidate or simulated(self._values, self._served.robot))
+            self._simulate(self._candidate or simulated(self._values, self._served.robot), self._anew)
         except RobotDynamicsError as error:
             self._simulated, self._failure = None, str(error)
             self.get_logger().error(f"not simulated: {error}")
 
-    def _simulate(self, found):
-        self._offset, self._simulated, self._candidate, self._failure = self._now_ns(), found, None, ""
+    def _simulate(self, found, anew=False):
+        """Simulate something else, from the state that there is, if it can have that, and should not begin anew."""
+        before, heard, simulation = self._simulated, self._inputs, found.simulation
+        goes_on = not (before is None or anew or self._failure) and simulation.alike(before.simulation)
+        self._offset, self._simulated, self._failure = self._now_ns(), found, ""
+        self._candidate, self._anew = None, False
         self._inputs = SimulatorInputs(found, self.get_namespace(), self._values["command_timeout"])
+        if goes_on:
+            simulation.go_on(before.simulation)
+            self._inputs.go_on(heard)
         self._begin()
-        simulation = found.simulation
+        for warning in beyond_limits(simulation):
+            self.get_logger().warning(warning)
         self.get_logger().info(f"simulates {simulation.robot!r}, {simulation.base} base, commands are of "
                                f"{', '.join(found.joint_names)}")  # fmt: skip
 
     def _begin(self):
-        self._inputs.forget()
         self._random, self._told_at, self._failure = np.random.default_rng(self._values["seed"]), -np.inf, ""
         self._pace_anew()
         self._tell()
@@ -128,7 +136,7 @@ class MobileBaseSimulator(Node):
                 if parameter.name in FIXED:
                     raise QuestionError(f"parameter {parameter.name} is read when the node begins")
             changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
-            self._candidate = None
+            self._candidate, self._anew = None, any(name.startswith("initial.") for name in changes)
             if self._served is not None and set(changes) - set(LIVELY):
                 self._candidate = simulated({**self._values, **changes}, self._served.robot)
 
@@ -140,7 +148,7 @@ class MobileBaseSimulator(Node):
         if any(p.name in OF_ROBOT for p in parameters):
             self._candidate = None  # made for the robot before
         elif self._candidate is not None:
-            self._simulate(self._candidate)
+            self._simulate(self._candidate, self._anew)
         if self._inputs is not None:
             self._inputs.timeout = self._values["command_timeout"]
         self._pace_anew()
@@ -288,6 +296,7 @@ class MobileBaseSimulator(Node):
             return response
         self._offset = self._now_ns()
         self._simulated.simulation.reset()
+        self._inputs.forget()
         self._begin()
         response.success, response.message = True, "as it began"
         return response
@@ -315,7 +324,8 @@ class MobileBaseSimulator(Node):
         elif level == OK and self._values["wait_for_commands"] != "never" and not self._inputs.commanded:
             level, message = (
                 WARN,
-                f"time stands still until the first efforts come on {self.resolve_topic_name('~/commands')}",
+                "time stands still until the first efforts come on "
+                f"{' or '.join(map(self.resolve_topic_name, ('~/commands', '~/effort')))}",
             )
         step = self._simulated.simulation.step if self._simulated else 0.0
         values = {

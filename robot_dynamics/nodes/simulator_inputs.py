@@ -29,6 +29,12 @@ class SimulatorInputs:
         self.answered = self.paired = False  # whether efforts came since await_answer; whether they say to which state
         self._awaited = 0
 
+    def go_on(self, before):
+        """What was heard before, of the same joints, counts on."""
+        self._commanded, self._driven, self._drive = before._commanded, before._driven, before._drive
+        self._wrenches, self._reference = before._wrenches, before._reference
+        self.efforts[:], self.answered, self.paired = before.efforts, before.answered, before.paired
+
     def await_answer(self, stamp=0):
         """Nothing has come yet of what is wanted: efforts that answer the state of this stamp [ns], as far as they say
         what they answer; 0: any."""

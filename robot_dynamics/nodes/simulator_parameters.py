@@ -122,6 +122,8 @@ def _start(simulation, values):
                 f"parameter initial.joints: {name!r} is none of the joints {', '.join(simulation.joint_names)}"
             )
         places.append(simulation.joint_names.index(name))
+    if joints and not (values["initial.positions"] or values["initial.velocities"]):
+        raise QuestionError("parameter initial.joints has names, but neither initial.positions nor initial.velocities")
     initial = {"positions": start.positions.copy(), "velocities": start.velocities.copy()}
     for what, array in initial.items():
         told = values[f"initial.{what}"]
@@ -138,3 +140,14 @@ def _start(simulation, values):
 def _alike(name, values, other, names):
     if len(values) != len(names):
         raise QuestionError(f"parameter {name} has {len(values)} values and {other} {len(names)}: one for each")
+
+
+def beyond_limits(simulation):
+    """Sentences on joints that are beyond the limits of their description."""
+    for name, position in zip(simulation.joint_names, simulation.state.positions, strict=True):
+        limits = simulation.robot.joints[simulation.robot.joint_numbers[name]].limits
+        if not limits.lower <= position <= limits.upper:
+            yield (
+                f"joint {name!r} begins at {position:.6g}, its limits are {limits.lower:.6g} and {limits.upper:.6g}: "
+                "set initial.joints and initial.positions. Limits stop nothing here"
+            )

@@ -46,11 +46,16 @@ class Table:
 
     def samples(self, topics, base=None):
         """Yield the JointSamples, row by row."""
-        stamps, number = self._stamps(), 0
+        stamps, number, timeless = self._stamps(), 0, 0
         for rows in self._chunks():
             for row in rows:
-                yield JointSample(str(self.path), stamps(row, number), 0, self.joints, *self._values(row))
-                number += 1
+                stamp, number = stamps(row, number), number + 1
+                if stamp is None:
+                    timeless += 1
+                    continue
+                yield JointSample(str(self.path), stamp, 0, self.joints, *self._values(row))
+        if timeless:
+            self.note(f"{timeless} rows have a time that is no finite number, and were left out")
 
     def _head(self, file):
         try:
@@ -77,7 +82,7 @@ class Table:
         return tuple(dict.fromkeys(found))
 
     def _stamps(self):
-        """A function of (row, number of the row) to the stamp [ns]."""
+        """A function of (row, number of the row) to the stamp [ns], None where the row has none."""
         if self.tables is not None:
             if self.tables.rate is None:
                 raise RecordingError(f"{self.path}: `rate` of `tables` is missing, the samples per second")
@@ -87,7 +92,7 @@ class Table:
         clock = next((columns.index(name) for name in CLOCKS if name in columns), None)
         if clock is None:
             raise RecordingError(f"{self.path} has no column {CLOCKS[0]} [s]")
-        return lambda row, number: round(row[None][clock] * NANOSECONDS) if np.isfinite(row[None][clock]) else 0
+        return lambda row, number: round(row[None][clock] * NANOSECONDS) if np.isfinite(row[None][clock]) else None
 
     def _values(self, row):
         empty = np.zeros(0)
@@ -129,12 +134,14 @@ class Table:
 
     def _numbers(self, field, rows):
         width = len(self.columns[field])
-        try:
-            return np.array(rows, dtype=float).reshape(-1, width)
-        except ValueError:
-            cut = [[cell if _is_number(cell) else "nan" for cell in (row + [""] * width)[:width]] for row in rows]
-            self.note(f"{self.files[field].name}: cells that are no numbers were taken as missing")
-            return np.array(cut, dtype=float).reshape(-1, width)
+        if all(len(row) == width for row in rows):  # else numbers of one row would come into the next
+            try:
+                return np.array(rows, dtype=float).reshape(-1, width)
+            except ValueError:
+                pass
+        cut = [[cell if _is_number(cell) else "nan" for cell in (row + [""] * width)[:width]] for row in rows]
+        self.note(f"{self.files[field].name}: cells that are no numbers were taken as missing")
+        return np.array(cut, dtype=float).reshape(-1, width)
 
 
 def _is_number(cell):

@@ -6,6 +6,7 @@ forbid go, a robot that flies freely keeps its momentum, dry friction holds what
 same numbers, bit for bit.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -101,6 +102,25 @@ class Simulation:
         if state is not None:
             self._start = state
         self.state = self._start
+
+    def alike(self, other):
+        """Whether another Simulation has the same joints and a base that moves as this one: then both have the same
+        states."""
+        return (self.joint_names, self.base) == (other.joint_names, other.base)
+
+    def go_on(self, before):
+        """Go on from the state of another Simulation that is `alike`, at time 0; `reset` goes where this one began all
+        the same. Raises QuestionError where they are not alike."""
+        if not self.alike(before):
+            raise QuestionError(
+                f"the state of {', '.join(before.joint_names)} on a {before.base} base is none of "
+                f"{', '.join(self.joint_names)} on a {self.base} base"
+            )
+        state = before.state
+        everyone = self.dynamics.expand(state.joint_positions if self._looped else state.positions)
+        rates = self._plant.begun(self._program_q(everyone), state.rates, of_base=True)
+        self.state = replace(state, steps=0, time=0.0, twist=rates[:6].copy(), velocities=rates[6:].copy(),
+                                    positions=everyone[self._places], joint_positions=np.array(everyone))  # fmt: skip
 
     def advance(self, steps=1, *, efforts=None, external_wrenches=None, drive=None, motion=None):
         """Go on by some steps, and give the state there.

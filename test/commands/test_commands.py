@@ -256,3 +256,12 @@ def test_installed_command_runs_and_a_closed_pipe_is_no_error():
     assert shown.returncode == 0 and "panda_joint7" in shown.stdout and not shown.stderr
     piped = subprocess.run(f"{command} show panda | head -1", shell=True, capture_output=True, text=True, timeout=60)
     assert piped.stdout.startswith("robot 'panda'") and "Traceback" not in piped.stderr
+
+
+def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
+    def interrupted(told):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("robot_dynamics.commands.count.run", interrupted)
+    assert main(["count", "rx90"]) == 130
+    assert capsys.readouterr().err == "robot-dynamics count: interrupted\n"

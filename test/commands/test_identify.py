@@ -48,12 +48,36 @@ def test_a_wrong_description_is_put_right(bags, tmp_path, capsys):
 
 
 def test_what_cannot_be_is_refused(bags, tmp_path, capsys):
+    folder = tmp_path / "folder.yaml"
+    folder.mkdir()
     for arguments, expected in (
         (["--hold-out", "2"], "0 to 0.95"), (["--hold-out", "0.5", "--validate", bags[1]], "one of the two"),
-        (["--band", "70"], "between 0 and 50"), (["--output", tmp_path], "cannot be written"),
+        (["--band", "70"], "between 0 and 50"), (["--output", folder], "folder.yaml cannot be written"),
+        (["--output", tmp_path / "x.urdf"], "x.urdf: YAML is written: a file that ends with .yaml or .yml is needed"),
+        (["--output-drives", tmp_path / "x"], "--output-drives"),
+        (["--json", bags[0] / "metadata.yaml"], "metadata.yaml is what was read"),
     ):  # fmt: skip
         assert main(["identify", str(bags[0]), "--robot", "panda", *map(str, arguments)]) == 1
         assert expected in capsys.readouterr().err
+
+
+def test_what_is_read_is_not_written_over(tmp_path, capsys):
+    files = {name: tmp_path / name for name in ("run.csv", "other.csv", "drives.yaml", "values.yaml", "robot.yaml")}
+    for name, file in files.items():
+        file.write_text(f"kept {name}")
+    run, other, drives, values, robot = map(str, files.values())
+    reads = ["identify", run, "--validate", other, "--robot", robot, "--drives", drives, "--values", values]
+    same = str(tmp_path / ".." / tmp_path.name / "run.csv")
+    for written in (["--output", same], ["--output-drives", drives], ["--json", other], ["--output", values],
+                    ["--output", robot]):  # fmt: skip
+        assert main([*reads, *written]) == 1
+        assert f"{written[1]} is what was read" in capsys.readouterr().err
+    for arguments, expected in ((["replay-check", run, "--robot", robot, "--report", run], run),
+                                (["excite", robot, "--output", robot], robot),
+                                (["map", robot, "--over", "x:0:1:2", "--csv", robot], robot)):  # fmt: skip
+        assert main(arguments) == 1
+        assert f"{expected} is what was read" in capsys.readouterr().err
+    assert all(file.read_text() == f"kept {name}" for name, file in files.items())
 
 
 CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]

@@ -250,6 +250,31 @@ def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
 
 
+def test_parameters_that_change_leave_the_robot_where_it_is(start):
+    joints = [f"panda_joint{k}" for k in range(1, 8)]
+    posture = [0.1, -0.3, 0.2, -1.9, 0.1, 1.8, 0.5]
+    told = {"initial.joints": joints, "initial.positions": posture, "gravity": [0.0, 0.0, 0.0]}
+    node = start(robot_file="panda", command_timeout=60.0, **told)
+
+    def pushed():
+        node.command([1.0] + [0.0] * 6)
+        return node.joint_states and node.joint_states[-1].velocity[0] > 0.1
+
+    node.wait_until(pushed, "a motion")
+    for values in ({"payload.link": "panda_link8", "payload.mass": 1.0}, {"step": 0.002}, {"seed": 3}):
+        before = node.joint_states[-1]
+        assert node.caller.set_parameters(node.name, values).successful
+        node.wait_until(lambda before=before: seconds(node.joint_states[-1].header.stamp)
+                        > seconds(before.header.stamp) + 0.1, "that time goes on")  # fmt: skip
+        after = node.joint_states[node.joint_states.index(before) :]
+        jumps = np.abs(np.diff([state.position for state in after], axis=0)).max()
+        assert jumps < 0.02 and after[-1].velocity[0] > 0.1 and np.any(after[-1].effort), (values, jumps)
+    assert node.caller.set_parameters(node.name, {"initial.positions": [*posture[:6], 0.7]}).successful
+    node.wait_until(lambda: abs(node.joint_states[-1].position[6] - 0.7) < 1e-3, "where it begins now")
+    refused = node.caller.set_parameters(node.name, {"initial.positions": [0.1]})
+    assert not refused.successful
+
+
 def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
     node = start(robot_file="ur5e", base_motion="planar", publish_clock=False, stamped_cmd_vel=True, step=0.005)
     command = TwistStamped()

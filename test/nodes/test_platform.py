@@ -65,8 +65,7 @@ def test_motion_of_the_platform_asks_for_efforts_and_comes_back_from_them(caller
 
 def test_poses_of_the_platform_ask_for_the_efforts_that_hold_it(caller, server):
     request = StaticEquilibrium.Request()
-    request.trajectory.points = [JointTrajectoryPoint() for _ in POSES]
-    request.base.points = platform_points()
+    request.base.points = platform_points()  # and none of joints
     assert "velocities that are not zero: the platform is at rest" in call(caller, server, request).message
     for point in request.base.points:
         point.velocities = []

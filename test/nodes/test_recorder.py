@@ -1,9 +1,12 @@
 """What a Recorder writes is what was published, in a bag that others read."""
 
 import numpy as np
+import pytest
 from rosbags.highlevel import AnyReader
 from sensor_msgs.msg import JointState
 
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.nodes.demo_closed_loop import recorded
 from robot_dynamics.nodes.recorder import Recorder
 
 
@@ -30,3 +33,11 @@ def test_messages_are_in_the_bag_as_they_were_published(caller, tmp_path):
         assert (topic, kind) == ("/recorded", "sensor_msgs/msg/JointState")
         assert message.name == list(told.name)
         np.testing.assert_array_equal(message.position, told.position)
+
+
+def test_the_demo_writes_its_bags_anew_but_takes_no_other_folder_for_one(tmp_path):
+    (tmp_path / "panda").mkdir()
+    (tmp_path / "panda" / "thesis.txt").write_text("months of work")
+    with pytest.raises(RobotDynamicsError, match="no bag of the demo"):
+        recorded(None, None, "/demo", tmp_path / "panda")
+    assert (tmp_path / "panda" / "thesis.txt").exists()

@@ -191,7 +191,7 @@ def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(
         print(f"another robot was ready after {time.monotonic() - back:.2f} s")
 
 
-def test_a_clock_that_jumps_back_stops_efforts_until_a_new_reference(start_server, caller):
+def test_a_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, caller):
     target = start_server({**TOLD, "use_sim_time": True}, executable="computed_torque")
     with stand_of(target, caller) as stand:
         clock, now = stand.node.create_publisher(Clock, "/clock", 10), [10 * 10**9]
@@ -217,6 +217,11 @@ def test_a_clock_that_jumps_back_stops_efforts_until_a_new_reference(start_serve
             assert (np.abs(message.effort) <= np.clip(1 - ms / RAMP, 0, 1) * np.abs(HELD) + 1e-9).all()
         stand.reference.publish(trajectory(PANDA, [0.0, 1.0], [Q, Q]))
         run(lambda: held(stand), "efforts with a new reference")
+        # the simulation is gone: no time goes on, and no state comes
+        since = len(stand.diagnostics)
+        stand.wait_until(lambda: zeros(stand), "zeros while time stands still", patience=3.0)
+        stand.wait_until(lambda: stand.says("no joint_states for 1 s, and the clock stands still", since), "the cause")
+        run(lambda: held(stand), "efforts where time goes on")
 
 
 def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):

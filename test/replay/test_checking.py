@@ -202,3 +202,31 @@ def test_csv_with_named_columns_is_read_as_a_bag_is(tmp_path):
     (tmp_path / "other.csv").write_text("time,a,b\n0,1,2\n")
     with pytest.raises(RecordingError, match=r"joint\.position is needed"):
         checked(tmp_path / "other.csv")
+
+
+def table_lines(motion, times=None, head=None):
+    """The lines of a CSV of a motion: times [s], positions and efforts."""
+    head = head or ["time", *(f"{name}.{field}" for field in ("position", "effort") for name in JOINTS)]
+    rows = np.column_stack([motion.times if times is None else times, motion.q, motion.efforts])[:, : len(head)]
+    return [",".join(head), *(",".join(f"{x:.12g}" for x in row) for row in rows)]
+
+
+def test_broken_lines_of_a_csv_are_left_out_and_counted_and_the_clock_goes_on(tmp_path):
+    lines = table_lines(MOTION)
+    whole, broken = tmp_path / "whole.csv", tmp_path / "broken.csv"
+    whole.write_text("\n".join(lines))
+    lines[700:700] = ["", "hello,world", lines[700].replace(lines[700].split(",")[0], "x", 1), "inf," + lines[700]]
+    lines[300:300] = [""]
+    broken.write_text("\n".join(lines) + "\n\n")
+    expected, found = checked(whole), checked(broken)
+    assert "6 rows have a time that is no finite number, and were left out" in found.notes
+    assert not any("clock" in note or "gaps" in note for note in found.notes)
+    assert (found.duration, found.comparison.samples) == (expected.duration, expected.comparison.samples)
+    rms = [[verdict.joint.rms for verdict in each.verdicts] for each in (found, expected)]
+    assert rms[0] == pytest.approx(rms[1], rel=1e-12)
+
+
+def test_rows_with_more_cells_than_names_do_not_shift_the_rows_after_them(tmp_path):
+    lines = table_lines(MOTION)
+    (tmp_path / "twice.csv").write_text("\n".join([lines[0], *(f"{line},{line}" for line in lines[1:])]))
+    assert not any("stamp of the one before" in note for note in checked(tmp_path / "twice.csv").notes)

@@ -37,6 +37,24 @@ def test_it_repeats_itself_bit_for_bit_and_goes_back_exactly():
         assert_same(ends[0], end)
 
 
+def test_another_simulation_goes_on_from_where_one_is():
+    one, other = Simulation(load_robot("free_flying_arm")), Simulation(load_robot("free_flying_arm"), step=5e-4)
+    one.start(velocities=VELOCITIES, base=Base(twist=TWIST))
+    was = one.advance(50, efforts=EFFORTS)
+    begins = other.state
+    other.go_on(one)
+    assert other.state.time == 0 and one.state is was
+    np.testing.assert_array_equal(other.state.rates, was.rates)
+    one.advance(50, efforts=EFFORTS)
+    other.advance(100, efforts=EFFORTS)
+    np.testing.assert_allclose(other.state.positions, one.state.positions, atol=1e-9)
+    np.testing.assert_allclose(other.state.pose, one.state.pose, atol=1e-9)
+    other.reset()
+    assert_same(other.state, begins)
+    with pytest.raises(QuestionError, match="on a free base is none of"):
+        Simulation(load_robot("ur5e")).go_on(one)
+
+
 def test_a_wrench_on_a_link_is_that_of_the_direct_model():
     simulation = Simulation(load_robot("ur5e"))
     q, qd, wrench = np.full(6, 0.3), np.full(6, 0.2), np.array([5.0, -3.0, 2.0, 0.3, 0.2, -0.1])
