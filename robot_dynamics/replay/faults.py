@@ -2,41 +2,68 @@
 
 Each fault says how measured efforts differ from predicted ones from its onset on, by a few unknown sizes, or by none.
 For each moment as onset the sizes are fitted to all that follows; the fault and the onset that take most off the
-squares of the residuals, in units of each joint's noise, are those that are named (Basseville and Nikiforov,
-"Detection of Abrupt Changes", 1993, chapter 7).
-
-Delays are found, but hardly dated: only where efforts change quickly do they show.
+squares of white residuals are those that are named (Basseville and Nikiforov, "Detection of Abrupt Changes", 1993,
+chapter 7). Then the colour of the noise, and how joints answer to what is predicted, are taken from the residuals that
+this fault leaves, and all is weighed anew.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.replay.signals import lowpass
+from robot_dynamics.replay.averages import Averages
+from robot_dynamics.replay.fault_signals import Signals
+from robot_dynamics.replay.whitening import Whitening
 
-MOST_SAMPLES = 60_000  # that are looked at
+MOST_SAMPLES = 40_000  # that are held; means over the more the longer a recording is
 SAMPLES_PER_PERIOD = 6  # of the cut-off
+LEAST_SAMPLES = 100
 SHIFTS = np.arange(-4, 13) / 100  # [s] of efforts behind motion that are tried
+USUAL_SHIFT = 0.03  # [s] that drives and filters of sound robots may be late, or early
 LEAST_AFTER = 1.0  # [s] that a fault must have been there
-QUIET = 0.3  # the part of seconds that are taken as free of faults, to tell the noise
-EXPLAINED = 0.03  # of the squares of the residuals that a fault must take away
-EXPLAINED_BY_DELAY = 0.06  # drives and filters of sound robots are some milliseconds late
-LEAST_NOISE = 1e-3  # of the spread of a joint's efforts
-LEAST_GAIN = 150.0  # and so many squares of the noise
+ROUNDS = 3
+SIMPLE = 0.8  # of the gain of a fault with sizes to fit is enough for one without
+EXPLAINED = 0.03  # of the squares of white residuals that follow the onset that a fault must take away
+LEAST_GAIN = 60.0  # and so many squares of the noise
+NEAR = 15.0  # squares of the noise by which another onset may be worse, and still be the one
 
 
 @dataclass(frozen=True)
 class Fault:
-    """kind: payload, friction, swapped, sign or delay; joints: names; onset [s]; gain: squares of the noise that it
-    takes off the residuals, of `total`; sentence: what it is."""
+    """kind: payload, friction, swapped, sign or delay; joints: names; onset, and between: the earliest and the latest
+    that it may be [s]; gain: squares of the noise that it takes off the residuals that follow, of `total`; sentence:
+    what it is."""
 
     kind: str
     joints: tuple
     onset: float
+    between: tuple
     gain: float
     total: float
     sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """kind; joints: numbers; gains: squares of the noise that it takes off if it begins at each of the rows that may be
+    its onset; row: where that is most; effect: (N, n) that it has on efforts then; told: what it is."""
+
+    kind: str
+    joints: tuple
+    gains: np.ndarray
+    row: int
+    effect: np.ndarray
+    told: str
+
+    @property
+    def gain(self):
+        return self.gains[self.row]
+
+    @property
+    def preference(self):
+        """The gain, in favour of faults that have no sizes: the others fit errors of the model besides."""
+        return self.gain * (SIMPLE if self.kind in ("payload", "friction") else 1.0)
 
 
 class Evidence:
@@ -53,94 +80,115 @@ class Evidence:
         units = [Inertia(1.0), *(Inertia(0.0, axis) for axis in np.eye(3))]
         self.link, self.names = link, dynamics.joint_names
         self._loaded = [type(dynamics)(dynamics.robot.with_payload(link, unit)) for unit in units]
-        self._parts, self._count = [], 0
+        self._kept, self._cutoff = None, None
+        self._measured = np.ones(len(self.names), dtype=bool)
 
     def add(self, motion, predicted, origin=0):
-        """Take a Motion and the efforts (N, n) predicted for it; what is beyond MOST_SAMPLES is not looked at."""
-        if self._count >= MOST_SAMPLES:
-            return
-        stride = max(1, int(motion.rate / (SAMPLES_PER_PERIOD * motion.cutoff)))
+        """Take a Motion and the efforts (N, n) predicted for it."""
+        if self._kept is None:
+            stride = max(1, int(motion.rate / (SAMPLES_PER_PERIOD * motion.cutoff)))
+            self._kept, self._cutoff = Averages(stride, MOST_SAMPLES), motion.cutoff
+        self._measured &= motion.measured
         payload = [self._predictor.efforts(loaded, motion) - predicted for loaded in self._loaded]
-        signs = lowpass(np.sign(motion.qd), motion.rate, motion.cutoff) if len(motion) > 20 else np.sign(motion.qd)
         times = np.broadcast_to(motion.times[:, None], predicted.shape)
-        arrays = (times, motion.efforts - predicted, predicted, signs, motion.qd, *payload)
-        self._parts.append(np.stack([array[::stride] for array in arrays]))
-        self._count += self._parts[-1].shape[1]
+        self._kept.add(np.stack([times, motion.unfiltered, predicted, np.sign(motion.qd), motion.qd, *payload]))
 
     def fault(self):
         """The Fault that explains the residuals, None where there is none to be named."""
-        times, r, p, signs, qd, *payload = np.concatenate(self._parts, axis=1)
-        times = times[:, 0]
-        weight = 1 / np.maximum(_noise(times, r), LEAST_NOISE * p.std(axis=0) + 1e-9)
-        n = r.shape[1]
-        found = [self._fitted("payload", (), times, r * weight, np.stack(payload, -1) * weight[:, None])]
-        for joint in range(n):
-            columns = np.zeros((*r.shape, 2))
-            columns[:, joint, 0], columns[:, joint, 1] = signs[:, joint] * weight[joint], qd[:, joint] * weight[joint]
-            found.append(self._fitted("friction", (joint,), times, r * weight, columns))
-            found.append(self._given("sign", (joint,), times, r, _only(p, {joint: -2 * p[:, joint]}), weight))
+        rows = np.zeros((9, 0, 1)) if self._kept is None else self._kept.rows
+        if rows.shape[1] < LEAST_SAMPLES:
+            return None
+        rows[1:, :, ~self._measured] = 0
+        signals = raw = Signals.of(rows, self._cutoff)
+        if raw.sound.sum() < LEAST_SAMPLES:
+            return None
+        noise, best = raw.first_noise(), None
+        for _ in range(ROUNDS):
+            if best is not None:
+                left = raw.residuals - best.effect
+                signals = raw.answered(left)
+                noise = Whitening.of(left + signals.residuals - raw.residuals, raw.sound, raw.least)
+            white = noise(signals.residuals)
+            best = max(self._explanations(signals, noise, white), key=lambda each: each.preference)
+        return self._named(best, signals, white)
+
+    def _explanations(self, signals, noise, white):
+        """Yield an Explanation of the residuals by each fault."""
+        everywhere, p = np.arange(len(self.names)), signals.predicted
+        yield self._explanation("payload", everywhere, signals.payload, signals, noise, white)
+        for joint in range(len(self.names)):
+            friction = np.stack([signals.signs[:, [joint]], signals.velocities[:, [joint]]], axis=-1)
+            yield self._explanation("friction", (joint,), friction, signals, noise, white)
+            yield self._explanation("sign", (joint,), -2 * p[:, [joint], None], signals, noise, white)
             for other in range(joint):
-                difference = p[:, other] - p[:, joint]
-                effect = _only(p, {joint: difference, other: -difference})
-                found.append(self._given("swapped", (other, joint), times, r, effect, weight))
-        found += [self._delayed(shift, times, r, p, weight) for shift in SHIFTS if shift]
-        named = [fault for fault in found if fault.gain > max(LEAST_GAIN, fault.total * (
-            EXPLAINED_BY_DELAY if fault.kind == "delay" else EXPLAINED))]  # fmt: skip
-        return max(named, key=lambda fault: fault.gain, default=None)
+                difference = p[:, joint] - p[:, other]
+                effect = np.stack([difference, -difference], axis=1)[..., None]
+                yield self._explanation("swapped", (other, joint), effect, signals, noise, white)
+        yield self._delay(signals, noise, white)
 
-    def _fitted(self, kind, joints, times, r, columns):
-        """The Fault whose sizes are fitted to all that follows its onset."""
-        squares = _suffix(np.einsum("tja,tjb->tab", columns, columns))
-        products = _suffix(np.einsum("tja,tj->ta", columns, r))
-        squares = squares + 1e-6 * np.trace(squares[0]) * np.eye(squares.shape[-1])
-        sizes = np.linalg.solve(squares, products[..., None])[..., 0]
-        gains = np.einsum("ta,ta->t", sizes, products)
-        start = self._start(times, gains)
-        told = (f"a payload of {sizes[start, 0]:+.2g} kg on {self.link}" if kind == "payload" else
-                f"friction of {self.names[joints[0]]} changed by {sizes[start, 0]:+.2g} (Coulomb) "
-                f"and {sizes[start, 1]:+.2g} (viscous)")  # fmt: skip
-        return self._fault(kind, joints, times[start], gains[start], r, told)
+    def _explanation(self, kind, joints, columns, signals, noise, white):
+        """That by columns (N, k, a) of some joints, times sizes (a,) that are fitted to what follows, or 1."""
+        joints = list(joints)
+        squares, products = noise.sums(columns, white, joints)
+        if kind in ("payload", "friction"):
+            squares = squares + (1e-6 * np.trace(squares[0]) + 1e-12) * np.eye(squares.shape[-1])
+            sizes = np.linalg.solve(squares, products[..., None])[..., 0]
+            gains = np.einsum("ta,ta->t", sizes, products)
+        else:
+            sizes, gains = np.ones((len(white), 1)), 2 * products[:, 0] - squares[:, 0, 0]
+        gains = _of_onsets(signals, gains)
+        row = int(np.argmax(gains))
+        effect = np.zeros_like(white)
+        effect[row:, joints] = columns[row:] @ sizes[row]
+        return Explanation(kind, tuple(joints), gains, row, effect, self._told(kind, joints, sizes[row]))
 
-    def _given(self, kind, joints, times, r, effect, weight):
-        """The Fault that has no unknown size."""
-        gains = _suffix(((r**2 - (r - effect) ** 2) * weight**2).sum(axis=1))
-        start = self._start(times, gains)
+    def _told(self, kind, joints, sizes):
         names = " and ".join(self.names[joint] for joint in joints)
-        told = f"efforts of {names} are swapped" if kind == "swapped" else f"the sign of the effort of {names} is wrong"
-        return self._fault(kind, joints, times[start], gains[start], r * weight, told)
+        if kind == "payload":
+            return f"a payload of {sizes[0]:+.2g} kg on {self.link}"
+        if kind == "friction":
+            return f"friction of {names} changed by {sizes[0]:+.2g} (Coulomb) and {sizes[1]:+.2g} (viscous)"
+        return f"efforts of {names} are swapped" if kind == "swapped" else f"the sign of the effort of {names} is wrong"
 
-    def _delayed(self, shift, times, r, p, weight):
-        """Efforts that are `shift` [s] late."""
-        effect = np.stack([np.interp(times - shift, times, column) for column in p.T], axis=1) - p
-        fault = self._given("delay", (), times, r, effect, weight)
-        return replace(fault, sentence=f"efforts are {1000 * shift:+.0f} ms late, since {fault.onset:.4g} s")
+    def _delay(self, signals, noise, white):
+        """Efforts that are late from some moment on, more than they were before: that is found out as well."""
+        joints, before = list(range(len(self.names))), 0.0
+        effects = {shift: signals.shifted(shift) for shift in (*SHIFTS, 0.0)}
+        for _ in range(2):
+            rest = white - noise(effects[before])
+            told = (white**2).sum() - (rest**2).sum()
+            best = None
+            for shift, effect in effects.items():
+                change = effect - effects[before]
+                squares, products = noise.sums(change[..., None], rest, joints)
+                gains = _of_onsets(signals, told + 2 * products[:, 0] - squares[:, 0, 0])
+                row = int(np.argmax(gains))
+                if best is None or gains[row] > best.gain:
+                    sentence = f"efforts are {1000 * (shift - before):+.0f} ms late"
+                    whole = effects[before] + np.where(np.arange(len(white))[:, None] >= row, change, 0)
+                    best = Explanation("delay", (), gains, row, whole, sentence)
+            if not signals.sound[: best.row].any():
+                break
+            usual = [shift for shift in effects if abs(shift) <= USUAL_SHIFT]
+            before = min(usual, key=lambda shift: ((white - noise(effects[shift]))[: best.row] ** 2).sum())
+        return best
 
-    def _start(self, times, gains):
-        last = np.searchsorted(times, times[-1] - LEAST_AFTER)
-        return int(np.argmax(gains[: max(1, last)]))
-
-    def _fault(self, kind, joints, onset, gain, r, told):
-        names = tuple(self.names[joint] for joint in joints)
-        return Fault(kind, names, float(onset), float(gain), float((r * r).sum()), f"{told}, since {onset:.4g} s")
-
-
-def _only(p, effects):
-    effect = np.zeros_like(p)
-    for joint, values in effects.items():
-        effect[:, joint] = values
-    return effect
-
-
-def _suffix(values):
-    """Sums of all rows from each row on."""
-    return np.cumsum(values[::-1], axis=0)[::-1]
+    def _named(self, best, signals, white):
+        """The Fault of an Explanation, None where that explains too little."""
+        total = float((white[best.row :] ** 2).sum())
+        if best.gain <= max(LEAST_GAIN, EXPLAINED * total):
+            return None
+        times = signals.times[: len(best.gains)]
+        chances = np.cumsum(np.exp((best.gains - best.gain) / 2))
+        onset = float(times[np.searchsorted(chances, 0.5 * chances[-1])])  # half of what is likely is before it
+        near = times[best.gains >= best.gain - NEAR]
+        between = float(max(near[0] - signals.step, times[0])), float(near[-1] + signals.step)
+        names = tuple(self.names[joint] for joint in best.joints) if best.kind not in ("payload", "delay") else ()
+        told = f"{best.told}, since {onset:.4g} s (between {between[0]:.4g} and {between[1]:.4g} s)"
+        return Fault(best.kind, names, onset, between, float(best.gain), total, told)
 
 
-def _noise(times, r):
-    """(n,) standard deviation of residuals in the quietest seconds of each joint."""
-    seconds = np.floor(times).astype(int)
-    starts = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1))
-    counts = np.diff([*starts, len(r)])
-    rms = np.sqrt(np.add.reduceat(r * r, starts, axis=0) / counts[:, None])
-    ordered = np.sort(rms, axis=0)[: max(1, int(np.ceil(QUIET * len(rms))))]
-    return np.sqrt((ordered**2).mean(axis=0))
+def _of_onsets(signals, gains):
+    """Those of gains (N,) whose rows may be the onset of a fault."""
+    last = signals.times[signals.sound][-1] - LEAST_AFTER
+    return gains[: max(1, np.searchsorted(signals.times, last))]
