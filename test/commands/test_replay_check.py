@@ -79,6 +79,13 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
         assert expected in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["replay-check", "identify"])
+def test_robots_with_joints_without_motor_are_refused_before_anything_is_read(verb, capsys):
+    assert main([verb, "nowhere.csv", "--robot", "manutec_r3"]) == 1
+    told = capsys.readouterr().err
+    assert "no motor drives spring_1, spring_2, spring_3: recordings are taken of robots all joints of which" in told
+
+
 def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, capsys):
     bag, golden = write_bag(tmp_path / "run", messages(MOTION)), tmp_path / "golden"
     assert run(bag, "--robot", "panda", "--write-golden", golden) == 0
