@@ -43,6 +43,10 @@ class LoadedColumns:
     carried: dict
     here: Payload | None = None
 
+    @property
+    def dynamics(self):
+        return self.columns.dynamics
+
     def of(self, recording):
         """The columns of one recording."""
         return replace(self, here=self.carried.get(recording.name))

@@ -14,6 +14,7 @@ import numpy as np
 
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.factors import Factors
+from robot_dynamics.replay.checking import note_positions
 from robot_dynamics.replay.signals import lowpass, margin
 from robot_dynamics.replay.tally import Tally
 
@@ -178,6 +179,12 @@ class Excerpt:
         tally = Tally()
         start, end = (part * self._duration() for part in (self.after, self.until))
         for motion in self.recording.motions(tally, cutoff=self.cutoff):
+            note_positions(self.columns.dynamics, motion, tally)
+            if not motion.measured.all():  # zeros in their place would be fitted
+                silent = np.array(self.columns.dynamics.joint_names)[~motion.measured]
+                told = "".join(f"; {note}" for note in self.recording.notes)
+                raise RecordingError(f"{self.recording.name}: efforts were not measured of {', '.join(silent)}: those "
+                                     f"of all joints are needed{told}")  # fmt: skip
             first, last = np.searchsorted(motion.times, [start - 1e-9, end - 1e-9])
             last = len(motion) if self.until >= 1 else last
             if last > first:

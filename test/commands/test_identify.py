@@ -80,6 +80,21 @@ def test_what_is_read_is_not_written_over(tmp_path, capsys):
     assert all(file.read_text() == f"kept {name}" for name, file in files.items())
 
 
+def test_efforts_that_were_not_measured_are_not_fitted_as_zeros(tmp_path, capsys):
+    motion = panda_motion(12.0)
+    told = np.column_stack([motion.times, motion.q])
+    path, head = tmp_path / "run.csv", ",".join(["time", *(f"{name}.position" for name in JOINTS)])
+    np.savetxt(path, told, delimiter=",", header=head, comments="")
+    assert main(["identify", str(path), "--robot", "panda"]) == 1
+    told = capsys.readouterr().err
+    assert "efforts were not measured of panda_joint1" in told and "columns panda_joint1.effort" in told
+    efforts = motion.efforts.copy()
+    efforts[:, 2] = np.nan
+    bag = write_bag(tmp_path / "run", messages(motion._replace(efforts=efforts)))
+    assert main(["identify", str(bag), "--robot", "panda"]) == 1
+    assert "efforts were not measured of panda_joint3: those of all joints" in capsys.readouterr().err
+
+
 CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]
 
 
