@@ -29,7 +29,7 @@ from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forwar
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters, regressor
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
-from robot_dynamics.platform import PlatformDynamics
+from robot_dynamics.platform import PlatformDynamics, Platforms
 from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
 from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels, models_of
 from robot_dynamics.symbolic.questions import answered
@@ -319,9 +319,11 @@ class Dynamics:
 
     @cached_property
     def platforms(self):
-        """{link: PlatformDynamics} of each platform alone, the rest of the robot being told by its joints."""
+        """{link: PlatformDynamics} of each platform alone, the rest of the robot being told by its joints. Another
+        link raises QuestionError."""
         links, each = self.robot.platform_links, self.robot.platforms
-        return {link: PlatformDynamics(self, (one,), alone=True) for link, one in zip(links, each, strict=True)}
+        return Platforms({link: PlatformDynamics(self, (one,), alone=True)
+                          for link, one in zip(links, each, strict=True)})  # fmt: skip
 
     @cached_property
     def elastodynamics(self):

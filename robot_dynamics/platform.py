@@ -30,6 +30,13 @@ AXES = "linear and angular components"
 OPEN = "no motor drives it, so its acceleration is part of the answer"
 
 
+class Platforms(dict):
+    """{link: PlatformDynamics}; a link without a platform raises QuestionError."""
+
+    def __missing__(self, link):
+        raise QuestionError(unknown_name("platform", link, self))
+
+
 class PlatformDynamics:
     """The platform of a Dynamics, or all of them together; `Dynamics.platform` and `Dynamics.platforms` give it.
 

@@ -175,6 +175,8 @@ def test_what_does_not_fit_is_told():
         _ = dynamics.robot.platform
     with pytest.raises(QuestionError, match="positions of others has shape"):
         dynamics.platforms["upper"].joints(poses["upper"], others=[np.zeros(5)])
+    with pytest.raises(QuestionError, match="unknown platform 'foo': known are lower, upper"):
+        dynamics.platforms["foo"]
     with pytest.raises(QuestionError, match="a map is of one alone"):
         pose_map(dynamics, {"x": np.zeros(2)})
     dynamics, poses, *_ = told("planar_stack", 2)

@@ -34,5 +34,9 @@ def opened(told, paths):
     if told.rate is not None and not 0 < told.rate < 1e6:
         raise RecordingError(f"--rate {told.rate:g}: samples per second are needed")
     dynamics = Dynamics(robot_of(told))
+    if dynamics.undriven_joint_names:
+        raise RecordingError(f"{dynamics.robot.name!r}: no motor drives {', '.join(dynamics.undriven_joint_names)}: "
+                             "recordings are taken of robots all joints of which have motors; passive joints of closed "
+                             "loops need none")  # fmt: skip
     drives = load_drives(told.drives, dynamics.joint_names)
     return dynamics, [open_recording(path, drives, told.topic, moving_base(dynamics)) for path in paths]

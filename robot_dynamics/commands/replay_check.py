@@ -60,13 +60,16 @@ def _run_one(told):
             takers.append(writer.add)
         found, fault = examined(recording, questions, watch=watched(recording.expected, recording.name), takers=takers)
     changed = golden.objections if golden else ()
-    print(check_text(found))
-    for objection in (*changed, *([f"fault: {fault.sentence}"] if fault else [])):
-        print(objection)
+    passed = Outcome(recording.name, found, fault).passed and not changed
+    sentences = list(changed or ([golden.agreement] if golden else []))
+    if told.faults:
+        sentences.append(f"fault: {fault.sentence}" if fault else "no fault found")
+    print(check_text(found, passed, sentences))
     if told.json:
-        write_text(told.json, json.dumps({**found.as_dict(), "fault": fault and asdict(fault)}, indent=1) + "\n")
+        figures = {**found.as_dict(), "passed": passed, "fault": fault and asdict(fault), "golden": list(changed)}
+        write_text(told.json, json.dumps(figures, indent=1) + "\n")
     _write_figures(found, told.report, told.pictures)
-    return 0 if Outcome(recording.name, found, fault).passed and not changed else EXCEEDED
+    return 0 if passed else EXCEEDED
 
 
 def _run_many(told, paths, executor):
@@ -151,8 +154,9 @@ def print_outcomes(found, joints):
     print("\n{} passed, {} FAILED, {} not checked".format(*counts))
 
 
-def check_text(found):
-    """What is printed of a Check."""
+def check_text(found, passed=None, sentences=()):
+    """What is printed of a Check; passed: whether all is well, what sentences tell of included; None: as the Check."""
+    passed = found.passed if passed is None else passed
     lines = [f"{found.recording} against {found.robot!r}: {found.comparison.samples} samples at {found.rate:.5g} Hz, "
              f"{found.duration:.5g} s, filtered at {found.cutoff:.3g} Hz"]  # fmt: skip
     lines += [f"note: {note}" for note in found.notes]
@@ -165,4 +169,4 @@ def check_text(found):
     lines.append(table_text(HEAD, rows, "Measured less predicted effort [N m or N]"))
     lines += [f"{verdict.joint.joint}: {objection}" for verdict in found.verdicts for objection in verdict.objections]
     since = "" if found.since is None else f", out of tolerance since {found.since:.4g} s"
-    return "\n".join([*lines, "", f"{'passed' if found.passed else 'FAILED'}{since}"])
+    return "\n".join([*lines, *sentences, "", f"{'passed' if passed else 'FAILED'}{since}"])

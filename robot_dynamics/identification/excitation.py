@@ -127,10 +127,12 @@ def exciting_trajectory(columns, bounds, *, duration=20.0, harmonics=5, iteratio
 
     told: called with (iterations done, condition number) after each. The same for a seed. Raises QuestionError.
     """
-    if columns.dynamics.robot.loops or columns.dynamics.robot.moving_base:
-        raise QuestionError(
-            f"{columns.dynamics.robot.name!r}: trajectories are designed for a fixed base without loops"
-        )
+    robot, undriven = columns.dynamics.robot, columns.dynamics.undriven_joint_names
+    if robot.loops or robot.moving_base:
+        raise QuestionError(f"{robot.name!r}: trajectories are designed for a fixed base without loops")
+    if undriven:
+        raise QuestionError(f"{robot.name!r}: no motor drives {', '.join(undriven)}: trajectories are designed for "
+                            "robots all joints of which have motors")  # fmt: skip
     family, samples = TrajectoryFamily(bounds, duration, harmonics), SAMPLES_PER_HARMONIC * harmonics
     chance = np.random.default_rng(seed)
     best = {"condition": np.inf, "numbers": None}

@@ -22,12 +22,13 @@ from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
-from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.errors import RobotDynamicsError, unknown_name
 from robot_dynamics.symbolic import background
 
 # A server can get the first request of a client before it has found where that client listens. The middleware then
 # drops the answer, so a first question that is not answered in this time [s] is asked again.
 DISCOVERY = 2.0
+OF_RCLPY = ("use_sim_time", "start_type_description_service")  # parameters that any node has
 
 
 def run(make_node, arguments=None, executor=SingleThreadedExecutor):
@@ -52,10 +53,13 @@ def run(make_node, arguments=None, executor=SingleThreadedExecutor):
     )
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        parser.parse_args(remove_ros_args(command)[1:])
+        _, others = parser.parse_known_args(remove_ros_args(command)[1:])
+        if others:
+            parser.error(f"unrecognized arguments: {' '.join(others)}; parameters and remappings go behind --ros-args")
         node = make_node()
     except (RuntimeError, ParameterException, RobotDynamicsError) as error:  # the first two are rclpy's
         sys.exit(f"{name}: {error}")
+    _warn_of_parameters_that_nobody_reads(node)
     executor = executor()
     executor.add_node(node)
     try:
@@ -68,6 +72,15 @@ def run(make_node, arguments=None, executor=SingleThreadedExecutor):
         node.destroy_node()
         rclpy.shutdown()
     _leave_compilers_behind()
+
+
+def _warn_of_parameters_that_nobody_reads(node):
+    """rclpy takes any name on a command line and in a file, and says nothing of one that is misspelt."""
+    known = [name for name in node.list_parameters([], 0).names if name not in OF_RCLPY]
+    told = getattr(node, "_parameter_overrides", {})  # rclpy has no public way to them
+    for name in told:
+        if not node.has_parameter(name) and name not in OF_RCLPY and not name.startswith("qos_overrides."):
+            node.get_logger().warning(f"{unknown_name('parameter', name, known)} Nothing reads it")
 
 
 def _leave_compilers_behind():

@@ -142,7 +142,7 @@ class Assembly:
         """The Stretches that are ready; with `final` all, and what comes next is not joined to them."""
         told = {place for joints in self._rows for place in joints}
         missing = [name for place, name in enumerate(self.names) if place not in told]
-        if missing and not final:
+        if missing and not (final and self.tally.messages):
             return []
         if missing:
             self._forget()
@@ -207,7 +207,8 @@ class Assembly:
         if fastest is None and final:
             most = max((len(times) for _, times, *_ in bands), default=0)
             self._forget()
-            raise RecordingError(f"{most} samples of the joints: {LEAST_SAMPLES} at least are needed")
+            left_out = "".join(f"; {sentence}" for sentence in self.tally.sentences)
+            raise RecordingError(f"{most} samples of the joints: {LEAST_SAMPLES} at least are needed{left_out}")
         self.step = fastest
         return fastest is not None
 

@@ -9,6 +9,8 @@ from robot_dynamics.errors import RecordingError
 from robot_dynamics.replay.comparison import Comparison, JointComparison
 from robot_dynamics.replay.tally import Tally
 
+BEYOND = 0.1  # part of the range of a joint by which positions may be beyond it before that is told
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -100,9 +102,13 @@ def check(recording, dynamics, tolerances, *, cutoff=None, rate=None, watch=None
     comparison, motion = Comparison(dynamics.joint_names), None
     for motion in recording.motions(tally, cutoff=cutoff, rate=rate, watch=watch):
         predicted = predictor(motion)
+        note_positions(dynamics, motion, tally)
         comparison.add(motion, predicted)
         if each is not None:
             each(motion, predicted, tally.origin)
+    if not comparison.measured.any():
+        told = "".join(f"; {note}" for note in recording.notes)
+        raise RecordingError(f"{recording.name}: no efforts are recorded: nothing was measured{told}")
     limits = effort_limits(dynamics.robot, dynamics.joint_names, comparison.peaks)
     verdicts, segments = judged(comparison, limits, tolerances)
     if all(verdict.joint.spread == 0 for verdict in verdicts):
@@ -111,6 +117,17 @@ def check(recording, dynamics, tolerances, *, cutoff=None, rate=None, watch=None
     notes = (*recording.notes, *tally.sentences)
     return Check(recording.name, dynamics.robot.name, motion.rate, motion.cutoff, end, verdicts, segments, notes,
                  comparison)  # fmt: skip
+
+
+def note_positions(dynamics, motion, tally):
+    """Put into a Tally what positions of a Motion the joints of a robot cannot have, by far."""
+    robot = dynamics.robot
+    for name, q in zip(dynamics.joint_names, motion.q.T, strict=True):
+        joint = robot.joints[robot.joint_numbers[name]]
+        room = BEYOND * (joint.limits.upper - joint.limits.lower)
+        if q.max() > joint.limits.upper + room or q.min() < joint.limits.lower - room:
+            unit, other = ("m", "millimetres") if joint.prismatic else ("rad", "degrees")
+            tally[f"positions [{unit}] far beyond the limits of the model (are these {other}?)"] = name
 
 
 def effort_limits(robot, joint_names, peaks):

@@ -60,6 +60,8 @@ class GoldenComparison:
 
     def __init__(self, path, joint_names):
         self.joint_names = tuple(joint_names)
+        if not Path(path).exists():
+            raise RecordingError(f"golden bag {path} is not there")
         bag = Bag(Path(path))
         self._path, self._samples = path, bag.samples(bag.joint_topics([TOPIC]))
         n = len(self.joint_names)
@@ -93,6 +95,13 @@ class GoldenComparison:
         if next(self._samples, None) is not None:
             found.append(f"{self._path} has more samples than the recording")
         return tuple(found)
+
+    @property
+    def agreement(self):
+        """The sentence where there are no objections."""
+        worst = int(self.largest.argmax())
+        return (f"predicted efforts are those of the golden bag {self._path}, to {self.largest[worst]:.2g} at most "
+                f"({self.joint_names[worst]})")  # fmt: skip
 
 
 def stamps(motion, origin):

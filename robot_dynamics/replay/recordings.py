@@ -56,7 +56,8 @@ class Recording:
             yield motion
         if not found:
             told = "; ".join([*self.notes, *tally.sentences])
-            raise RecordingError(f"{self.name}: nothing is left to look at. {told or 'It has no message'}")
+            what = "row" if isinstance(self.source, Table) else "message"
+            raise RecordingError(f"{self.name}: nothing is left to look at. {told or f'It has no {what}'}")
 
 
 def open_recording(path, drives, topics=(), base=None):

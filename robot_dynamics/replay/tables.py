@@ -12,6 +12,7 @@ from robot_dynamics.replay.joint_sample import JointSample
 FIELDS = ("position", "velocity", "effort")
 CLOCKS = ("time", "t", "stamp", "timestamp")
 NANOSECONDS = 1e9
+SLOW = 1.0  # [s] between rows that is rather a time in other units
 CHUNK = 20_000  # rows
 
 
@@ -31,6 +32,9 @@ class Table:
         self.columns = {field: self._head(file) for field, file in self.files.items()}
         self.joints = self._joints()
         self.counts = {str(path): None}
+        lacking = [] if tables else [f"{name}.effort" for name in self.joints if not self._order["effort"]]
+        if lacking:
+            self.note(f"columns {', '.join(lacking)[:200]} are needed for efforts, and not all of them are there")
 
     def note(self, sentence):
         if sentence not in self.notes:
@@ -46,16 +50,20 @@ class Table:
 
     def samples(self, topics, base=None):
         """Yield the JointSamples, row by row."""
-        stamps, number, timeless = self._stamps(), 0, 0
+        stamps, number, timeless, told = self._stamps(), 0, 0, []
         for rows in self._chunks():
             for row in rows:
                 stamp, number = stamps(row, number), number + 1
                 if stamp is None:
                     timeless += 1
                     continue
+                told = [*told[:1], stamp]
                 yield JointSample(str(self.path), stamp, 0, self.joints, *self._values(row))
         if timeless:
             self.note(f"{timeless} rows have a time that is no finite number, and were left out")
+        step = (told[-1] - told[0]) / NANOSECONDS / (number - timeless - 1) if len(told) > 1 else 0
+        if step >= SLOW:
+            self.note(f"a row comes every {step:.3g} s: are its times milliseconds or nanoseconds? Seconds are needed")
 
     def _head(self, file):
         try:

@@ -7,6 +7,7 @@ same numbers, bit for bit.
 """
 
 from dataclasses import replace
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -134,6 +135,9 @@ class Simulation:
         Raises SimulationError where numbers grow beyond all bounds, SingularModelError where the model has no answer,
         QuestionError for arguments that do not fit. The state is then that of the last good step.
         """
+        if not isinstance(steps, Integral) or steps < 0:
+            raise QuestionError(f"advance by {steps!r:.60} steps: a whole number is needed, not negative; "
+                                f"a step is {self.step:g} s")  # fmt: skip
         inputs = self._inputs(efforts, external_wrenches, drive, motion)
         for _ in range(steps):
             with np.errstate(all="ignore"):  # what is not finite is refused

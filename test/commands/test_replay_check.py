@@ -79,6 +79,13 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
         assert expected in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("verb", ["replay-check", "identify"])
+def test_robots_with_joints_without_motor_are_refused_before_anything_is_read(verb, capsys):
+    assert main([verb, "nowhere.csv", "--robot", "manutec_r3"]) == 1
+    told = capsys.readouterr().err
+    assert "no motor drives spring_1, spring_2, spring_3: recordings are taken of robots all joints of which" in told
+
+
 def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, capsys):
     bag, golden = write_bag(tmp_path / "run", messages(MOTION)), tmp_path / "golden"
     assert run(bag, "--robot", "panda", "--write-golden", golden) == 0
@@ -87,17 +94,23 @@ def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, ca
     stamps = np.array([sample.stamp for sample in written])
     assert np.abs(stamps - BEGINNING - np.round(MOTION.times[13:-13] * 1e9)).max() <= 1
     assert np.abs(np.array([sample.effort for sample in written]) - MOTION.efforts[13:-13])[100:-100].max() < 0.05
+    capsys.readouterr()
     assert run(bag, "--robot", "panda", "--golden", golden) == 0
+    told = capsys.readouterr().out
+    assert told.count("predicted efforts are those of the golden bag") == 1 and told.endswith("\npassed\n")
     heavier = tmp_path / "heavier.urdf"
     heavier.write_text(shipped_robots()["panda"].read_text().replace('mass value="0.735522"', 'mass value="0.7356"'))
     assert heavier.read_text() != shipped_robots()["panda"].read_text()
-    capsys.readouterr()
-    assert run(bag, "--robot", heavier, "--golden", golden) == 3
+    figures = tmp_path / "check.json"
+    assert run(bag, "--robot", heavier, "--golden", golden, "--json", figures) == 3
     told = capsys.readouterr().out
-    assert "panda_joint4: predicted effort differs from the golden bag" in told and "\npassed" in told
+    assert "panda_joint4: predicted effort differs from the golden bag" in told and told.endswith("\nFAILED\n")
+    assert "predicted efforts are those" not in told and "\npassed" not in told
+    told = json.loads(figures.read_text())
+    assert told["passed"] is False and any("panda_joint4" in each for each in told["golden"])
     for arguments, expected in (
         (["--write-golden", golden], "is there already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
-        (["--golden", golden, "--cutoff", "5"], "stamps differ"),
+        (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden is not there"),
     ):  # fmt: skip
         assert run(bag, "--robot", "panda", *arguments) == 1
         assert expected in capsys.readouterr().err

@@ -134,3 +134,10 @@ def test_robots_with_loops_are_refused():
     columns = effort_columns(dynamics, direct_drives(dynamics.joint_names))
     with pytest.raises(QuestionError, match="without loops"):
         exciting_trajectory(columns, joint_bounds(dynamics))
+
+
+def test_joints_that_nobody_can_command_are_refused(tmp_path, capsys):
+    path = tmp_path / "trajectory.csv"
+    assert main(["excite", "manutec_r3", "--output", str(path), "--iterations", "1"]) == 1
+    assert "'manutec_r3': no motor drives spring_1, spring_2, spring_3" in capsys.readouterr().err
+    assert not path.exists()

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.running import Caller
+from robot_dynamics.nodes.running import Caller, running_node
 
 GOOD = real_urdf("ur5")
 REFUSED = {
@@ -214,3 +214,13 @@ def test_diagnostics_tell_what_is_served_and_what_was_refused(start_server):
 
     eventually(own, told)
     own.close()
+
+
+def test_a_misspelt_parameter_is_told_with_the_one_that_is_meant(tmp_path):
+    told = {"robt_file": "panda", "use_sim_time": False, "qos_overrides": {"/a.subscription.depth": 1}}
+    with (tmp_path / "log").open("w") as log, running_node("dynamics_server", told, "/misspelt", log=log):
+        deadline, said = time.monotonic() + 30, ""
+        while "Nothing reads it" not in said and time.monotonic() < deadline:
+            time.sleep(0.1)
+            said = (tmp_path / "log").read_text()
+    assert "unknown parameter 'robt_file': did you mean 'robot_file'?" in said and said.count("Nothing reads it") == 1

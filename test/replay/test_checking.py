@@ -230,3 +230,31 @@ def test_rows_with_more_cells_than_names_do_not_shift_the_rows_after_them(tmp_pa
     lines = table_lines(MOTION)
     (tmp_path / "twice.csv").write_text("\n".join([lines[0], *(f"{line},{line}" for line in lines[1:])]))
     assert not any("stamp of the one before" in note for note in checked(tmp_path / "twice.csv").notes)
+
+
+def test_a_csv_that_cannot_be_checked_says_what_is_wrong_with_it(tmp_path):
+    path, lines = tmp_path / "run.csv", table_lines(MOTION)
+    effortless = table_lines(MOTION, head=["time", *(f"{name}.position" for name in JOINTS)])
+    for told, expected in (
+        (effortless, "no efforts are recorded: nothing was measured; columns panda_joint1.effort, panda_joint2.effort"),
+        (lines[:1], r"run.csv: nothing is left to look at\. It has no row"),
+        ([lines[0], "x", "y"], "nothing is left to look at.*2 rows have a time that is no finite number"),
+        ([lines[0], *lines[:90:-1]], "1 samples of the joints: 8 at least are needed; .* older than the one before"),
+    ):
+        path.write_text("\n".join(told))
+        with pytest.raises(RecordingError, match=expected):
+            checked(path)
+
+
+def test_degrees_and_milliseconds_are_asked_for(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("\n".join(table_lines(MOTION)))
+    sound = checked(path).notes
+    assert not any("?" in note for note in sound)
+    path.write_text("\n".join(table_lines(MOTION._replace(q=np.degrees(MOTION.q)))))
+    assert any("beyond the limits of the model (are these degrees?): panda_joint" in note
+               for note in checked(path).notes)  # fmt: skip
+    path.write_text("\n".join(table_lines(MOTION, times=1000 * MOTION.times)))
+    assert (
+        "a row comes every 10 s: are its times milliseconds or nanoseconds? Seconds are needed" in checked(path).notes
+    )

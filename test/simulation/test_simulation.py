@@ -112,3 +112,11 @@ def test_states_cannot_be_written_into():
     state = Simulation(load_robot("ur5e")).state
     with pytest.raises(ValueError, match="read-only"):
         state.positions[0] = 1.0
+
+
+@pytest.mark.parametrize("steps", [1.5, -5, "3", None, np.nan])
+def test_steps_that_are_no_number_of_steps_are_refused(steps):
+    simulation = Simulation(load_robot("free_flying_arm"))
+    with pytest.raises(QuestionError, match=r"advance by .* steps: a whole number is needed.*a step is 0.001 s"):
+        simulation.advance(steps)
+    assert simulation.advance(0).steps == 0 and simulation.advance(np.int64(2)).steps == 2

@@ -66,14 +66,14 @@ class YamlNumbers:
         told, path = mapping.get("mdh", {}), (*path, "mdh")
         numbers = Row(*(self.number(told, key, path) for key in Row._fields))
         for key in ("gamma", "alpha", "theta"):
-            self._check_angle(getattr(numbers, key), (*path, key))
+            self._check_angle(getattr(numbers, key), told.get(key), (*path, key))
         return placement_of(numbers)
 
     def pose(self, mapping, path):
         """The placement (4, 4) that `xyz` [m] and `rpy` [rad] stand for, as URDF means them."""
         angles = self.vector(mapping, "rpy", path)
         for k, angle in enumerate(angles):
-            self._check_angle(angle, (*path, "rpy", k))
+            self._check_angle(angle, mapping.get("rpy", angles)[k], (*path, "rpy", k))
         return placement(rotation_from_roll_pitch_yaw(*angles), self.vector(mapping, "xyz", path))
 
     def place(self, mapping, path):
@@ -83,8 +83,10 @@ class YamlNumbers:
             self.document.fail((*path, twice), f"mdh and {twice} say the same twice: mdh is right, or xyz and rpy")
         return self.mdh(mapping, path) if "mdh" in mapping else self.pose(mapping, path)
 
-    def _check_angle(self, angle, path):
-        if abs(angle) > 2 * math.pi + 1e-9:
+    def _check_angle(self, angle, told, path):
+        """Refuse an angle [rad] that looks like degrees; one that is told by pi, or made radians of, is none."""
+        in_radians = re.search(r"\b(pi|radians)\b", str(told)) is not None
+        if not in_radians and abs(angle) > 2 * math.pi + 1e-9:
             self.document.fail(path, f"{angle:g} rad is more than a turn. Angles are in radians: radians({angle:g})")
 
     def _evaluate(self, value, path):

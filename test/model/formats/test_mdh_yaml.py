@@ -57,6 +57,16 @@ def test_row_that_names_no_antecedent_hangs_on_the_row_before():
     assert told != PENDULUM and read_mdh_yaml(told).joints[1].antecedent == read_mdh_yaml(PENDULUM).joints[1].antecedent
 
 
+@pytest.mark.parametrize("angle", ["4*pi/3+pi", "radians(420)", "-3*pi"])
+def test_more_than_a_turn_is_meant_where_pi_or_radians_say_so(angle):
+    value = eval(angle, {"pi": math.pi, "radians": math.radians})
+    placed = read_mdh_yaml(PENDULUM.replace("rpy: [0, 0, pi/2]", f"rpy: [0, 0, {angle}]")).frame("tip").placement
+    np.testing.assert_allclose(placed[:3, :3], Rotation.from_euler("z", value).as_matrix(), atol=1e-12)
+    turned = read_mdh_yaml(PENDULUM.replace("theta: pi,", f"theta: {angle},")).joints[1].placement
+    plain = read_mdh_yaml(PENDULUM.replace("theta: pi,", f"theta: {math.remainder(value, 2 * math.pi)},"))
+    np.testing.assert_allclose(turned, plain.joints[1].placement, atol=1e-12)
+
+
 def test_values_take_the_place_of_parameters():
     longer = read_mdh_yaml(PENDULUM, values={"l": "3/4"})
     assert longer.links[1].inertia.mass == 1.5
