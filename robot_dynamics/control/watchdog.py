@@ -30,15 +30,6 @@ class Watchdog:
         """Why the last state cannot be used, empty where it can."""
         return self._refused
 
-    @property
-    def misses(self):
-        """How many answers in a row were late."""
-        return self._misses
-
-    def latch(self, reason):
-        """A fault that good input does not end."""
-        self._latched = reason
-
     def release(self):
         """What was latched is known, and ends."""
         self._latched = ""

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import QuestionError
+from robot_dynamics.nodes.messages import UNIT_QUATERNION
 from robot_dynamics.nodes.parameters import names, numbers, typed_as, whole_number
 from robot_dynamics.simulation import Ground, Simulation, Wheel
 
@@ -131,7 +132,7 @@ def _start(simulation, values):
             _alike(f"initial.{what}", told, "initial.joints", joints)
             array[places] = told
     pose, quaternion = np.eye(4), np.array(values["initial.pose"][3:])
-    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:
+    if not abs(np.linalg.norm(quaternion) - 1) < UNIT_QUATERNION:
         raise QuestionError(f"parameter initial.pose has a quaternion of norm {np.linalg.norm(quaternion):g}, not 1")
     pose[:3, :3], pose[:3, 3] = Rotation.from_quat(quaternion).as_matrix(), values["initial.pose"][:3]
     simulation.start(**initial, base=Base(pose, values["initial.twist"]))

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError, RecordingError, unknown_name
+from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.expression import evaluate, number_text
 from robot_dynamics.replay.documents import read_document
 
@@ -173,11 +173,3 @@ def write_drives(drives):
         lines += [f"  {key}: {number_text(value) if key == 'rate' else json.dumps(value)}"
                   for key, value in told.items()]  # fmt: skip
     return "\n".join(lines) + "\n"
-
-
-def refuse_measured(drives, names, where):
-    """Raise RecordingError where signals of the drives are not among `names`, those that were recorded."""
-    missing = [name for name in drives.names if name not in names]
-    if missing:
-        told = ", ".join(map(repr, missing))
-        raise RecordingError(f"{where}: positions of {told} missing; recorded are {', '.join(names) or 'none'}")
