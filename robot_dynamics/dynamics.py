@@ -141,13 +141,14 @@ class Dynamics:
             filled(reactions, state.batch, axes=2),
         )
 
-    def compile(self, model, *, wrenches=(), told=False):
+    def compile(self, model, *, wrenches=(), told=False, independent=None):
         """The compiled program of a model, made now if it is not there: the fastest that can be called from Python.
 
-        model: inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, or closure of a robot with
-        loops; what each takes and gives,
+        model: inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, or of a robot with loops
+        closure and state_derivative; what each takes and gives,
         `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
-        whether the acceleration of a moving base is given, for inverse and direct.
+        whether the acceleration of a moving base is given, for inverse and direct. independent: numbers of the joints
+        that move independently, where they are to be others than joint_names, for closure and state_derivative.
 
         The program has `evaluate(q, qd, qdd)` for one sample, which takes buffers of float64 and gives a new array, or
         with one argument more writes into it, and `batch(q, qd, qdd, out=None, threads=1)` for arrays (N, n). It
@@ -164,7 +165,8 @@ class Dynamics:
             raise QuestionError(f"{self.robot.name!r} has no loops that could be closed")
         for name in wrenches:
             self.robot.frame(name)
-        return self._programs.get(model, tuple(wrenches), bool(told))
+        independent = None if independent is None else tuple(independent)
+        return self._programs.get(model, tuple(wrenches), bool(told), independent=independent)
 
     def inertia_matrix(self, q):
         """A (..., n, n) [kg m², kg m or kg], rotors counted; with a moving base (..., 6 + n, 6 + n), the base first.

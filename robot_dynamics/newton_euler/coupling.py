@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from robot_dynamics.newton_euler import linear
-from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
+from robot_dynamics.newton_euler.closure import CLOSED, LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
 from robot_dynamics.newton_euler.configuration import Configuration
 from robot_dynamics.newton_euler.least_squares import bordered, least_squares, partition
@@ -106,6 +106,47 @@ class Coupling:
         J = loop_equations(self.robot, q).jacobian @ self.S
         return Configuration(self, q, J, bordered(J[..., self.placed], self._partition), formed)
 
+    def with_independent(self, independent):
+        """The same loops with other independent joints.
+
+        Parameters
+        ----------
+        independent : sequence of int
+            Numbers of joints, as many as `independent` has, none of them a mimic joint. Joints that no loop moves
+            must stay among them.
+
+        Returns
+        -------
+        Coupling
+            This object itself where the joints are the same.
+        """
+        chosen = np.array([self.free.index(number) for number in sorted(independent)], dtype=int)
+        if np.array_equal(chosen, self.chosen):
+            return self
+        placed = np.setdiff1d(np.arange(len(self.free)), chosen)
+        return replace(self, chosen=chosen, placed=placed).oriented()
+
+    def pivoted(self, q):
+        """The joints that are independent after pivoting at q: the loops place those that they place best.
+
+        The constraint Jacobian is factorized with column pivoting; its first columns are the dependent joints. Source:
+        Wehage and Haug, Generalized coordinate partitioning, Journal of Mechanical Design 104 (1982), with a QR
+        factorization in place of their Gaussian elimination.
+
+        Parameters
+        ----------
+        q : ndarray, shape (all joints,)
+            Positions that close the loops.
+
+        Returns
+        -------
+        tuple of int
+            Numbers of the independent joints, ascending.
+        """
+        J = loop_equations(self.robot, q).jacobian @ self.S * self._reach
+        order = qr(J, mode="r", pivoting=True)[1]
+        return tuple(self.free[k] for k in sorted(order[len(self.placed) :]))
+
     def step(self, t):
         """(residual (..., rows), Newton's step (..., dependent), pivots, lengths, placing) of the loops at t (..., m).
 
@@ -120,6 +161,13 @@ class Coupling:
         signs = np.array([self.sense] + [1] * (len(self.rows) - 1))
         placing = J[..., self.rows, :] * signs[: len(self.rows), None]
         return equations.residual, step, factors.pivots, factors.lengths, placing
+
+    def project(self, t, step=None, tolerance=CLOSED):
+        """The Closed positions next to t (N, m), in which the independent joints stay where they are.
+
+        step: as for `near`; tolerance: residual at which Newton's method ends.
+        """
+        return self._closed(t, step or self.step, tolerance)
 
     def found(self, q, seed=None, step=None):
         """The Closed positions for q (N, n), `near` a seed (N, dependent), or without one `reached`."""
@@ -245,8 +293,8 @@ class Coupling:
         stride, beside = np.abs((ahead - before) / self._reach), np.abs((t - ahead) / self._reach)
         return beside.max(axis=-1) > BEND * stride.max(axis=-1) + NO_BEND
 
-    def _closed(self, t, step):
-        t, (residual, _, pivots, lengths, placing) = newton(step, t, self.placed, self._longest)
+    def _closed(self, t, step, tolerance=CLOSED):
+        t, (residual, _, pivots, lengths, placing) = newton(step, t, self.placed, self._longest, closed=tolerance)
         nothing = np.zeros(len(t), dtype=bool)
         return Closed(t, residual, (pivots / lengths).min(axis=-1), placing, nothing, nothing)
 
@@ -273,8 +321,13 @@ class Coupling:
     @cached_property
     def _reach(self):
         """(m,) what counts as much as a radian [rad or m] of each of the free joints."""
+        return self.units_of_joints[self.free]
+
+    @cached_property
+    def units_of_joints(self):
+        """(all joints,) what counts as much as a radian of each joint [rad or m]."""
         unit = self.robot.characteristic_length
-        return np.array([unit if self.robot.joints[number].prismatic else 1.0 for number in self.free])
+        return np.array([unit if joint.prismatic else 1.0 for joint in self.robot.joints])
 
     @cached_property
     def _longest(self):

@@ -15,10 +15,7 @@ def joint_states(simulation, efforts, noise, stamp):
     """sensor_msgs/JointState of all joints. efforts: (n,); noise: (position, velocity) standard deviations and a
     Generator."""
     state, dynamics = simulation.state, simulation.dynamics
-    q, qd, told = state.joint_positions, state.velocities, efforts
-    if dynamics.joint_names != dynamics.all_joint_names:
-        qd = dynamics.expand_rates(qd, q if dynamics.robot.loops else None)
-        told = dynamics.spread_efforts(efforts)
+    q, qd, efforts = state.joint_positions, state.joint_velocities, dynamics.spread_efforts(efforts)
     of_position, of_velocity, random = noise
     if of_position:
         q = q + of_position * random.standard_normal(len(q))
@@ -26,7 +23,7 @@ def joint_states(simulation, efforts, noise, stamp):
         qd = qd + of_velocity * random.standard_normal(len(qd))
     message = JointState(name=list(dynamics.all_joint_names))
     message.header.stamp = stamp
-    message.position, message.velocity, message.effort = (array("d", np.ascontiguousarray(v)) for v in (q, qd, told))
+    message.position, message.velocity, message.effort = (array("d", np.ascontiguousarray(v)) for v in (q, qd, efforts))
     return message
 
 

@@ -11,16 +11,19 @@ import numpy as np
 from scipy.linalg import null_space
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import CompilationError, QuestionError, SimulationError
+from robot_dynamics.errors import CompilationError, QuestionError
+from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
 from robot_dynamics.question import Base
 from robot_dynamics.simulation.friction import STIFF
+from robot_dynamics.simulation.loops import SINGULAR, ConstrainedMotion, interpolate
 from robot_dynamics.simulation.wheels import Rolling
 from robot_dynamics.symbolic.compiled import compile_program
 from robot_dynamics.symbolic.compiled_models import PythonProgram
 from robot_dynamics.symbolic.models import frames_model
 
 BASES = ("fixed", "free", "planar")
+NO_GRAVITY = np.zeros(3)
 RANK = 1e-9  # below which a singular value of constraints is rounding
 HEADING = (0, 5, 1)  # the rows of V0 in which a base that is told how to drive hears: ahead, turning, aside
 
@@ -48,24 +51,76 @@ class Plant:
         )
         self.dynamics = Dynamics(replace(robot, joints=joints, moving_base=base != "fixed"))
         self.size = len(self.dynamics.joint_names)
-        self._inertia = self.dynamics.compile("inertia_matrix")
-        self._links, self._direct = None, None
-        self.listen_to(links)
-        self._rolling = Rolling(robot, wheels) if base == "planar" else None
         self._looped = bool(robot.loops)
+        self.loops = ConstrainedMotion(self.dynamics) if self._looped else None
+        # of all bodies, with a robot's loops open
+        tree = replace(self.dynamics.robot, loops=(), platforms=())
+        self.bodies = Dynamics(tree) if self._looped else self.dynamics
+        self._body_joints = [robot.joint_numbers[name] for name in self.bodies.joint_names]
+        self._inertia = self.bodies.compile("inertia_matrix")
+        self._links, self._programs = None, {}
         self._places = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
         self._G = None if self._looped else self.dynamics.expand_rates(np.eye(self.size)).T
+        self._coordinates, self._direction = None, None
+        length = robot.characteristic_length
+        sliding = [length if joint.prismatic else 1.0 for joint in robot.joints]
+        self._units = np.array([length] * 3 + [1.0] * 3 + sliding)
+        self.listen_to(links)
+        self._rolling = Rolling(robot, wheels) if base == "planar" else None
         if self._rolling is not None:
             self._rolling.rows(self.dynamics.closed_positions)  # refuses wheels that do not stand
         self._known = {}  # what constant constraints give, by whether the base is told how to drive
+
+    @property
+    def units(self):
+        """(6 + n,) what counts as much as a radian of each of the rates [rad or m]."""
+        return self._units[[0, 1, 2, 3, 4, 5, *(6 + number for number in self._places)]]
+
+    def velocities(self, coordinates, q, rates, direction):
+        """Velocities (all joints,) of a robot with loops at rates (6 + n,), at positions q (all joints,) that close
+        them. coordinates: the LoopCoordinates in use, with the quality at q; direction: velocities shortly before, for
+        singular positions.
+        """
+        if coordinates.quality > SINGULAR:
+            return self._at_rates(q, rates)[0]
+        neighbours = self.loops.neighbours(coordinates, q, direction)
+        return interpolate(lambda q: self._at_rates(q, rates), neighbours)[0]
+
+    def _at_rates(self, q, rates):
+        """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
+        return self.unconstrained(q, rates, NO_GRAVITY, np.zeros(self.size), [np.zeros(6)] * len(self._links))
+
+    def accelerations_of_motors(self, q, velocities, rates_derivative):
+        """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
+        configuration = self.loops.at(self._coordinates, q)
+        everyone = configuration.rates(rates_derivative[6:]) + configuration.drift(velocities)
+        return everyone[[*self.loops.motors]]
 
     def listen_to(self, links):
         """Let external wrenches act on the named links."""
         links = tuple(links)
         if links != self._links:
-            self._direct = self.dynamics.compile("direct", wrenches=links)
-            self._links = links
-            self._outputs = [np.empty(shape) for _, shape in self._direct.interface.outputs]
+            self._links, self._programs = links, {}
+            if not self._looped:
+                self._use_program("direct", None)
+            elif self._coordinates is not None:
+                self.use(self._coordinates, self._direction)
+
+    def use(self, coordinates, velocities):
+        """Take the rates of a robot with loops as those of other coordinates from now on.
+
+        coordinates: LoopCoordinates; velocities: (all joints,), the direction of motion, for singular positions.
+        """
+        self._coordinates, self._direction = coordinates, velocities
+        self._places = list(coordinates.independent)
+        self._use_program("state_derivative", coordinates.independent)
+
+    def _use_program(self, model, independent):
+        if independent not in self._programs:
+            program = self.dynamics.compile(model, wrenches=self._links, independent=independent)
+            outputs = [np.empty(shape) for _, shape in program.interface.outputs]
+            self._programs[independent] = program, outputs
+        self._program, self._outputs = self._programs[independent]
 
     @property
     def links(self):
@@ -73,29 +128,61 @@ class Plant:
         return self._links
 
     def unconstrained(self, q, rates, gravity, efforts, wrenches):
-        """ν̇ (6 + n,) where nothing holds a moving base.
+        """(velocities of the positions q, ν̇ (6 + n,)) where nothing holds a moving base.
 
         q: as programs take it; gravity: (3,) in the base frame; efforts: (n,); wrenches: (6,) for each of `links`.
         """
         found, twist = np.zeros(6 + self.size), rates[:6]
         base = () if self.base == "fixed" else (twist, gravity)
-        self._direct.evaluate(q, rates[6:], efforts, *base, *wrenches, *self._outputs)
-        found[6:] = self._outputs[0]
+        self._program.evaluate(q, rates[6:], efforts, *base, *wrenches, *self._outputs)
+        velocities, outputs = rates[6:], self._outputs
+        if self._looped:
+            velocities, *outputs = outputs
+            velocities = velocities.copy()
+        found[6:] = outputs[0]
         if base:
-            found[:6] = self._outputs[1]
+            found[:6] = outputs[1]
             found[:3] -= carried(twist)
-        return found
+        return velocities, found
 
     def refuse(self, q, rates, efforts):
-        """Raise what says best why there are no accelerations: SingularModelError, or SimulationError."""
+        """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
         base = {} if self.base == "fixed" else {"base": Base(twist=rates[:6])}
-        with suppress(QuestionError):  # numbers too large, which is what the last line says
+        with suppress(QuestionError):  # numbers too large, which the caller says
             self.dynamics.direct(q, rates[6:], efforts, **base)
-        raise SimulationError("numbers grew beyond all bounds: the step is too long for what moves or pushes here")
+
+    def velocity_matrix(self, q):
+        """G (all joints, n), from the rates of the independent joints to the velocities of all."""
+        if not self._looped:
+            return self._G
+        if self._coordinates.quality > SINGULAR:
+            return self.loops.at(self._coordinates, q).G
+        neighbours = self.loops.neighbours(self._coordinates, q, self._direction)
+        return interpolate(lambda q: [self.loops.at(self._coordinates, q).G], neighbours)[0]
 
     def inertia_matrix(self, q):
         """A (6 + n, 6 + n), or (n, n) where the base is fixed."""
-        return self._inertia.evaluate(q)
+        A = self.inertia_of_bodies(q)
+        if not self._looped:
+            return A
+        P = projection(self.velocity_matrix(q)[self._body_joints], len(A) - len(self._body_joints))
+        return P.T @ A @ P
+
+    def inertia_of_bodies(self, q):
+        """A of the robot with its loops open: of the base, where it moves, and of all joints but mimic ones."""
+        return self._inertia.evaluate(np.ascontiguousarray(q[self._body_joints]) if self._looped else q)
+
+    def state_of_bodies(self, q, rates):
+        """(q, rates (6 + m,)) of the robot with its loops open, as programs of `bodies` take them."""
+        if not self._looped:
+            return q, rates
+        velocities = self._at_rates(q, rates)[0]
+        return np.ascontiguousarray(q[self._body_joints]), np.concatenate([rates[:6], velocities[self._body_joints]])
+
+    def rates_of_bodies(self, twist, velocities):
+        """The rates that go with `inertia_of_bodies`: twist (6,), velocities (all joints,)."""
+        joints = velocities[self._body_joints]
+        return joints if self.base == "fixed" else np.concatenate([twist, joints])
 
     def held(self, q, rates, accelerations, told=None, joints=None):
         """ν̇ (6 + n,) of what is held, from that of `unconstrained` (Gauss's principle of least constraint).
@@ -158,14 +245,12 @@ class Plant:
 
     def _rows(self, q, rates):
         """(C (m, 6 + n), Ċ ν (m,))."""
-        everyone, G = self.dynamics.expand(q), self._G
-        if self._looped:
-            G = self.dynamics.expand_rates(np.eye(self.size), q).T
+        everyone, G = q if self._looped else self.dynamics.expand(q), self.velocity_matrix(q)
         qd = G @ rates[6:]
         C, turned = self._rolling.rows(everyone, qd)
         drift = turned @ np.concatenate([rates[:6], qd])
         if self._looped:
-            drift = drift + C[:, 6:] @ self.dynamics.expand_accelerations(np.zeros(self.size), q, rates[6:])
+            drift = drift + C[:, 6:] @ self.loops.at(self._coordinates, q).drift(qd)
         return np.concatenate([C[:, :6], C[:, 6:] @ G], axis=1), drift
 
     def _constraint(self, q, rates, told, joints):

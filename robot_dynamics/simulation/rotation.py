@@ -9,13 +9,16 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
+LARGEST = 1e6  # [rad²] beyond which a rotation within a step means nothing: the step diverges
 SMALL = 0.05  # [rad²] below which the series are exact to rounding
 
 
 def exponential(phi):
-    """exp(φ̂) (3, 3) = I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂² of a rotation vector φ (3,), θ = |φ|."""
+    """exp(φ̂) (3, 3) = I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂² of a rotation vector φ (3,), θ = |φ|; nan beyond LARGEST."""
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
+    if not square < LARGEST:
+        return np.full((3, 3), np.nan)
     if square < SMALL:
         s = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
         c = 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90 * (1 - square / 132))))
@@ -33,9 +36,11 @@ def exponential(phi):
 
 def rotation_vector_rate(phi, omega):
     """φ̇ (3,) of R = R₀ exp(φ̂) that turns with ω (3,), in its own axes: ω + φ × ω/2 + k φ × (φ × ω),
-    k = (1 - θ/2 cot θ/2)/θ²."""
+    k = (1 - θ/2 cot θ/2)/θ²; nan beyond LARGEST."""
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
+    if not square < LARGEST:
+        return [np.nan] * 3
     if square < SMALL:
         k = 1 / 12 + square / 720 * (1 + square / 42 * (1 + square / 40 * (1 + square * 10 / 396)))
     else:

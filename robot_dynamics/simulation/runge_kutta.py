@@ -3,6 +3,11 @@
 Source: J. C. Butcher, On Runge-Kutta processes of high order, J. Australian Mathematical Society 4 (1964), 179-194.
 Order 6 because the fastest links of an arm turn by some hundredths of a radian in a step of 1 ms: then a step of order
 4 loses 1e-10 of the energy, a minute of them 1e-6, and two orders more cost three calls of a compiled model.
+
+The two slopes in the middle of the step differ by a term of order 4 in the step: shifting the weight between them
+leaves the order conditions up to 4 as they are. So the step times their difference estimates the error of an embedded
+method of order 4, at no cost. It is far above the error of the method itself, and grows at once where a step is too
+long.
 """
 
 import numpy as np
@@ -19,10 +24,15 @@ STAGES = (
 WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
+MIDDLE = (4, 5)  # the stages whose slopes estimate the error
+SHIFTED = 4 / 15  # the weight that the embedded method shifts from one to the other
+
+
 def increment(derivative, time, y, step):
-    """What y (m,) grows by in a step [s]; derivative(time, y) gives dy/dt (m,)."""
+    """What y (m,) grows by in a step [s], and an estimate (m,) of its error; derivative(time, y) gives dy/dt (m,)."""
     slopes = np.empty((len(WEIGHTS), len(y)))
     slopes[0] = derivative(time, y)
     for stage, weights in enumerate(STAGES, start=1):
         slopes[stage] = derivative(time + NODES[stage] * step, y + (step * weights) @ slopes[:stage])
-    return (step * WEIGHTS) @ slopes
+    first, second = MIDDLE
+    return (step * WEIGHTS) @ slopes, step * SHIFTED * (slopes[second] - slopes[first])

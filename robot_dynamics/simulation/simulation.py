@@ -6,9 +6,7 @@ forbid go, a robot that flies freely keeps its momentum, dry friction holds what
 same numbers, bit for bit.
 """
 
-from dataclasses import replace
 from numbers import Integral
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +15,10 @@ from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.kinematics import link_placements
 from robot_dynamics.question import checked_pose, finite
 from robot_dynamics.simulation.friction import friction_impulses
+from robot_dynamics.simulation.integration import Inputs, StepIntegrator
 from robot_dynamics.simulation.momentum import Momentum, momentum, twist_of
-from robot_dynamics.simulation.plant import Frames, Plant, carried
-from robot_dynamics.simulation.rotation import exponential, orthonormal, rotation_vector_rate
-from robot_dynamics.simulation.runge_kutta import increment
+from robot_dynamics.simulation.plant import Plant, carried
+from robot_dynamics.simulation.rotation import exponential, orthonormal
 from robot_dynamics.simulation.state import SimulationState
 
 NOTHING = np.zeros(6)
@@ -45,7 +43,7 @@ class Simulation:
         for name, value in (("step", step), ("drive_time", drive_time)):
             if not (isinstance(value, int | float) and np.isfinite(value) and value > 0):
                 raise QuestionError(f"{name} is {value!r}: a positive time [s] is needed")
-        self.robot, self.step, self.ground, self._drive_time = robot, float(step), ground, float(drive_time)
+        self.robot, self.step, self.ground = robot, float(step), ground
         touching = () if ground is None else ground.points
         for name in touching:
             if name not in robot.frames_by_name:
@@ -53,19 +51,29 @@ class Simulation:
         self.base = base or ("planar" if wheels else "free" if robot.moving_base else "fixed")
         self._plant = Plant(robot, self.base, tuple(wheels), touching, self.step)
         self.dynamics, self.joint_names = self._plant.dynamics, self._plant.dynamics.joint_names
-        self._frames = Frames(self.dynamics, touching) if touching else None
+        self._integrator = StepIntegrator(robot, self._plant, self.step, ground, float(drive_time))
         self._places = [self.dynamics.robot.joint_numbers[name] for name in self.joint_names]
         self._looped = bool(robot.loops)
         self._alone = self.dynamics.joint_names == self.dynamics.all_joint_names
         self._rubbing = np.flatnonzero(self._plant.dry + self._plant.viscous)
+        self.state = None
         self._kept = None, None  # a state, and the Momentum that a free robot has there
         self.reset(self._resting())
 
     def _resting(self):
-        known = self.dynamics.closed_positions
+        known, size = self.dynamics.closed_positions, self._plant.size
         return SimulationState(
-            0, 0.0, np.eye(4), NOTHING.copy(), known[self._places], np.zeros(self._plant.size), known.copy()
-        )
+            0, 0.0, np.eye(4), NOTHING.copy(), known[self._places], np.zeros(size), known.copy(), np.zeros(len(known)),
+            self._first_coordinates(known),
+        )  # fmt: skip
+
+    def _first_coordinates(self, known):
+        """LoopCoordinates of the motors at positions (all joints,); None without loops."""
+        if not self._looped:
+            return None
+        coordinates = self._plant.loops.of_motors(known)
+        self._plant.use(coordinates, np.zeros(len(known)))
+        return coordinates
 
     def start(self, positions=None, velocities=None, base=None):
         """Begin anew at time 0, at positions and velocities (n,) and a base with the pose and twist of a Base; what is
@@ -85,18 +93,13 @@ class Simulation:
             raise QuestionError("the base is fixed: it has no twist")
         pose = np.eye(4) if base is None else checked_pose(base.pose, "pose of the base")
         twist = NOTHING if base is None else finite("twist of the base", base.twist, 6, "components")
-        rates = self._plant.begun(self._program_q(everyone), np.concatenate([twist, qd]), of_base=base is not None)
-        self.reset(
-            SimulationState(
-                0,
-                0.0,
-                np.array(pose, dtype=float),
-                rates[:6].copy(),
-                everyone[self._places],
-                rates[6:].copy(),
-                np.array(everyone),
-            )
-        )
+        self.reset(self._begun(np.array(pose, dtype=float), everyone, np.concatenate([twist, qd]), base is not None))
+
+    def _begun(self, pose, everyone, rates, of_base):
+        """The SimulationState at time 0, at positions (all joints,) and rates (6 + n,) of the base and joint_names."""
+        coordinates = self._first_coordinates(everyone)
+        rates = self._plant.begun(self._program_q(everyone), rates, of_base)
+        return self._state(0, 0.0, pose, self._program_q(everyone), rates, coordinates, self.state)
 
     def reset(self, state=None):
         """Go back to the state that the simulation began with, or begin with another: exactly."""
@@ -117,11 +120,13 @@ class Simulation:
                 f"the state of {', '.join(before.joint_names)} on a {before.base} base is none of "
                 f"{', '.join(self.joint_names)} on a {self.base} base"
             )
-        state = before.state
-        everyone = self.dynamics.expand(state.joint_positions if self._looped else state.positions)
-        rates = self._plant.begun(self._program_q(everyone), state.rates, of_base=True)
-        self.state = replace(state, steps=0, time=0.0, twist=rates[:6].copy(), velocities=rates[6:].copy(),
-                                    positions=everyone[self._places], joint_positions=np.array(everyone))  # fmt: skip
+        state, coordinates, q = before.state, before.state.coordinates, self._program_q(before.state.joint_positions)
+        if self._looped:
+            self._plant.use(coordinates, state.joint_velocities)
+            q, quality = self._plant.loops.close(coordinates, q)
+            coordinates = coordinates._replace(quality=quality)
+        rates = self._plant.begun(q, state.rates, of_base=True)
+        self.state = self._state(0, 0.0, state.pose, q, rates, coordinates, state)
 
     def advance(self, steps=1, *, efforts=None, external_wrenches=None, drive=None, motion=None):
         """Go on by some steps, and give the state there.
@@ -149,19 +154,23 @@ class Simulation:
         base frame, dry friction left out."""
         inputs, state = self._inputs(efforts, external_wrenches, drive, motion), self.state
         q, rates = self._program_q(state.joint_positions), state.rates
-        found = self._accelerations(q, rates, state.time, state.pose[:3, :3], state.pose[:3, 3], inputs)
-        return found[:6] + np.concatenate([carried(state.twist), np.zeros(3)]), found[6:]
+        slope = self._integrator.accelerations(state, q, rates, self._coordinates_of(state, inputs), inputs)
+        joints = (
+            slope[6:] if not self._looped else self._plant.accelerations_of_motors(q, state.joint_velocities, slope)
+        )
+        return slope[:6] + np.concatenate([carried(state.twist), np.zeros(3)]), joints
 
     def momentum(self):
         """The Momentum of the robot in the world; of a base that is held, of what moves."""
-        A = self._whole_inertia_matrix()
-        return momentum(A, self.state.pose[:3, :3], self.state.rates)
+        if self.base == "fixed":
+            raise QuestionError("a robot on a fixed base has no momentum of its own")
+        A, rates = self._bodies(self.state)
+        return momentum(A, self.state.pose[:3, :3], rates)
 
     def energy(self):
         """(kinetic, potential) [J]: of bodies and rotors; of weights and springs, zero where the world's origin is."""
-        state, rates = self.state, self.state.rates
-        A = self._plant.inertia_matrix(self._program_q(state.joint_positions))
-        rates = rates[-len(A) :] if len(A) else rates[:0]
+        state = self.state
+        A, rates = self._bodies(state)
         height = 0.0
         for link, (R, P) in zip(self.robot.links, link_placements(self.robot, state.joint_positions), strict=True):
             moments = R @ link.inertia.first_moments + link.inertia.mass * P
@@ -178,10 +187,10 @@ class Simulation:
         """(m,) velocities [m/s, rad/s] that the wheels forbid, and are there all the same: rounding."""
         return self._plant.residual(self._program_q(self.state.joint_positions), self.state.rates)
 
-    def _whole_inertia_matrix(self):
-        if self.base == "fixed":
-            raise QuestionError("a robot on a fixed base has no momentum of its own")
-        return self._plant.inertia_matrix(self._program_q(self.state.joint_positions))
+    def _bodies(self, state):
+        """(inertia matrix, rates) of base and joints, the loops open."""
+        A = self._plant.inertia_of_bodies(self._program_q(state.joint_positions))
+        return A, self._plant.rates_of_bodies(state.twist, state.joint_velocities)
 
     def _inputs(self, efforts, external_wrenches, drive, motion):
         size = self._plant.size
@@ -201,69 +210,84 @@ class Simulation:
             self._plant.listen_to([*self._plant.links, *new])
         given = [np.ascontiguousarray(wrenches.get(name, NOTHING), dtype=float) for name in self._plant.links]
         undisturbed = self.base == "free" and self.ground is None and not any(map(np.any, given))
-        return _Inputs(np.ascontiguousarray(efforts, dtype=float), given, drive, motion, undisturbed)
+        return Inputs(np.ascontiguousarray(efforts, dtype=float), given, drive, motion, undisturbed)
 
     def _stepped(self, state, inputs):
-        """The state a step later: everything grows together, then what must not change is put right."""
-        R0, P0, n = state.pose[:3, :3], state.pose[:3, 3], self._plant.size
-        begun = self._rates_of(state, inputs)
+        """The state a step later: everything is integrated together, then what must not change is put right."""
+        coordinates = self._coordinates_of(state, inputs)
+        begun = self._rates_of(state, coordinates, inputs)
+        if inputs.undisturbed:
+            start = self._velocities(self._program_q(state.joint_positions), begun, state, coordinates)
+            start = self._plant.rates_of_bodies(begun[:6], start)
         rubbing = len(self._rubbing) > 0 and inputs.motion is None
         if rubbing:
             inputs, held = self._with_friction(state, begun, inputs)
-
-        def derivative(time, y):
-            q, rates, R, P, found = y[6 : 6 + n], y[6 + n :], R0, P0, np.zeros(len(y))
-            if inputs.motion is not None:
-                q, rates[6:], _ = inputs.motion(time)
-            if self.base != "fixed":
-                E = exponential(y[:3])
-                R, P = R0 @ E, P0 + R0 @ y[3:6]
-                found[:3] = rotation_vector_rate(y[:3], rates[3:6])
-                found[3:6] = E @ rates[:3]
-            found[6 : 6 + n] = rates[6:]
-            q = self._program_q(self._everyone(q, state.joint_positions))
-            found[6 + n :] = self._accelerations(q, rates, time, R, P, inputs)
-            return found
-
-        y = np.concatenate([NOTHING, state.positions, begun])
-        y = y + increment(derivative, state.time, y, self.step)
-        if not np.isfinite(y).all():
-            self._plant.refuse(self._program_q(state.joint_positions), begun, inputs.efforts)
+        q0 = self._program_q(state.joint_positions)
+        phi, q, rates, coordinates = self._integrator.step(state, q0, begun, coordinates, inputs)
         time, pose = (state.steps + 1) * self.step, np.eye(4)
-        pose[:3, :3], pose[:3, 3] = orthonormal(R0 @ exponential(y[:3])), P0 + R0 @ y[3:6]
-        positions, rates = y[6 : 6 + n], y[6 + n :]
+        R0, P0 = state.pose[:3, :3], state.pose[:3, 3]
+        pose[:3, :3], pose[:3, 3] = orthonormal(R0 @ exponential(phi[:3])), P0 + R0 @ phi[3:]
         if inputs.motion is not None:
-            positions, rates[6:], _ = inputs.motion(time)
-        everyone = self._everyone(positions, state.joint_positions)
-        q = self._program_q(everyone)
+            rates[6:] = inputs.motion(time)[1]
         if inputs.undisturbed:
-            rates[:6] = self._keep_momentum(state, begun, q, pose[:3, :3], rates)
+            velocities = self._velocities(q, rates, state, coordinates)
+            rates[:6] = self._keep_momentum(state, start, q, pose[:3, :3], rates[:6], velocities)
         if rubbing:
             rates = rates + self._friction(q, rates, inputs, held)[0]
         rates = self._plant.allowed(q, rates, joints=inputs.motion is not None)
-        positions = np.array(positions, dtype=float)
-        found = SimulationState(state.steps + 1, time, pose, rates[:6].copy(), positions, rates[6:].copy(), everyone)
+        found = self._state(state.steps + 1, time, pose, q, rates, coordinates, state)
         if inputs.undisturbed:
             self._kept = found, self._kept[1]
         return found
 
-    def _rates_of(self, state, inputs):
-        """(6 + n,) rates that a step begins with. Joints that are told to move otherwise than they do jump to it, and a
-        base that flies freely answers the jump."""
+    def _state(self, steps, time, pose, q, rates, coordinates, before):
+        """The SimulationState at positions q (as programs take them) and rates (6 + n,). before: the state that led
+        here, for its direction of motion."""
+        velocities = self._velocities(q, rates, before, coordinates)
+        everyone = q if self._looped or self._alone else self.dynamics.expand(q)
+        return SimulationState(
+            steps, time, pose, rates[:6].copy(), np.array(everyone[self._places]), velocities[self._places].copy(),
+            np.array(everyone), velocities, coordinates,
+        )  # fmt: skip
+
+    def _velocities(self, q, rates, before, coordinates):
+        """Velocities (all joints,) at rates (6 + n,)."""
+        if self._looped:
+            return self._plant.velocities(coordinates, q, rates, before.joint_velocities)
+        return rates[6:].copy() if self._alone else self._plant.velocity_matrix(q) @ rates[6:]
+
+    def _coordinates_of(self, state, inputs):
+        """The LoopCoordinates of a step, which the plant uses from now on; the motors' where joints have a prescribed
+        motion. None without loops."""
+        coordinates = state.coordinates
+        if self._looped:
+            if inputs.motion is not None and coordinates.independent != self._plant.loops.motors:
+                coordinates = self._plant.loops.of_motors(state.joint_positions)
+            self._plant.use(coordinates, state.joint_velocities)
+        return coordinates
+
+    def _rates_of(self, state, coordinates, inputs):
+        """(6 + n,) rates that a step begins with. Joints with a prescribed motion jump to its velocities, and a base
+        that flies freely answers the jump."""
         if inputs.motion is None:
             return state.rates
-        rates = np.concatenate([state.twist, inputs.motion(state.time)[1]])
+        q, rates = self._program_q(state.joint_positions), np.concatenate([state.twist, inputs.motion(state.time)[1]])
         if self.base == "free":
-            A, R = self._plant.inertia_matrix(self._program_q(state.joint_positions)), state.pose[:3, :3]
-            rates[:6] = twist_of(momentum(A, R, state.rates), A, R, rates)
-        return self._plant.allowed(self._program_q(state.joint_positions), rates, joints=True)
+            A, R = self._plant.inertia_of_bodies(q), state.pose[:3, :3]
+            velocities = self._velocities(q, rates, state, coordinates)
+            kept = momentum(A, R, self._plant.rates_of_bodies(state.twist, state.joint_velocities))
+            rates[:6] = twist_of(kept, A, R, self._plant.rates_of_bodies(state.twist, velocities))
+        return self._plant.allowed(q, rates, joints=True)
 
-    def _keep_momentum(self, before, begun, q, R, rates):
-        """The twist (6,) of the base that has the momentum from before the step, and what gravity has given."""
-        A = self._plant.inertia_matrix(q)
+    def _keep_momentum(self, before, begun, q, R, twist, velocities):
+        """The twist (6,) of the base that has the momentum from before the step, and what gravity has given.
+
+        begun: rates of the bodies before the step; twist (6,), velocities (all joints,): after it.
+        """
+        A, rates = self._plant.inertia_of_bodies(q), self._plant.rates_of_bodies(twist, velocities)
         came_to, kept = self._kept
         if came_to is not before:  # else carried on, so that rounding does not add up
-            A_before = self._plant.inertia_matrix(self._program_q(before.joint_positions))
+            A_before = self._plant.inertia_of_bodies(self._program_q(before.joint_positions))
             kept = momentum(A_before, before.pose[:3, :3], begun)
         kept = Momentum(kept.linear + A[0, 0] * self.step * self.robot.gravity, kept.angular)
         self._kept = None, kept
@@ -272,8 +296,9 @@ class Simulation:
     def _with_friction(self, state, begun, inputs):
         """(_Inputs with friction among the efforts, its impulses (k,)): as it must be through a step, so that joints
         which it holds stay where they are."""
-        q, R, P = self._program_q(state.joint_positions), state.pose[:3, :3], state.pose[:3, 3]
-        ahead = begun + self.step * self._accelerations(q, begun, state.time, R, P, inputs)
+        q = self._program_q(state.joint_positions)
+        coordinates = self._coordinates_of(state, inputs)
+        ahead = begun + self.step * self._integrator.accelerations(state, q, begun, coordinates, inputs)
         _, impulses, shares = self._friction(q, ahead, inputs, np.zeros(len(self._rubbing)))
         return inputs._replace(efforts=inputs.efforts + shares @ impulses / self.step), impulses
 
@@ -281,53 +306,12 @@ class Simulation:
         """(what friction of a step makes of rates (6 + n,): a change of them; its impulses (k,); shares (n, k) of the
         joints in them). held: (k,) impulses that the rates have already."""
         joints = self._rubbing
-        shares = self.dynamics.expand_rates(np.eye(self._plant.size), q if self._looped else None)[:, joints]
+        shares = self._plant.velocity_matrix(q)[joints].T
         response = self._plant.response(q, rates, inputs.drive is not None)[:, 6:] @ shares
         W, dry, viscous = shares.T @ response[6:], self._plant.dry[joints], self._plant.viscous[joints]
         impulses = friction_impulses(W, shares.T @ rates[6:] - W @ held, dry, viscous)
         return response @ (impulses - held), impulses, shares
 
-    def _accelerations(self, q, rates, time, R, P, inputs):
-        """ν̇ (6 + n,) with the base turned by R and at P in the world."""
-        wrenches = inputs.wrenches
-        if self._frames is not None:
-            wrenches = self._with_ground(q, rates, R, P, wrenches)
-        found = self._plant.unconstrained(q, rates, self.robot.gravity @ R, inputs.efforts, wrenches)
-        told = None if inputs.drive is None else (inputs.drive - rates[:6]) / self._drive_time
-        joints = None if inputs.motion is None else inputs.motion(time)[2]
-        return self._plant.held(q, rates, found, told, joints)
-
-    def _with_ground(self, q, rates, R, P, wrenches):
-        """Wrenches on links with what the ground exerts on those that touch it."""
-        rotations, positions, velocities = self._frames(q, rates)
-        forces = self.ground.forces(P + positions @ R.T, velocities @ R.T)
-        wrenches = list(wrenches)
-        for place, name in enumerate(self.ground.points):
-            if forces[place, 2]:
-                wrench = wrenches[self._plant.links.index(name)].copy()
-                wrench[:3] += (forces[place] @ R) @ rotations[place]
-                wrenches[self._plant.links.index(name)] = wrench
-        return wrenches
-
-    def _everyone(self, positions, seed):
-        """Positions (all joints,) from those (n,) of the independent ones; loops are closed from a seed."""
-        if not self._looped:
-            return positions if self._alone else self.dynamics.expand(positions)
-        near = seed.copy()
-        near[self._places] = positions
-        return self.dynamics.expand(near)
-
     def _program_q(self, everyone):
         """What programs take as q, of positions of all joints."""
         return everyone if self._looped or self._alone else everyone[self._places]
-
-
-class _Inputs(NamedTuple):
-    """What acts during a step. efforts: (n,); wrenches: (6,) for each link that the plant listens to; drive: (6,) or
-    None; motion: a function of time, or None; undisturbed: whether nothing but gravity acts on a free base."""
-
-    efforts: np.ndarray
-    wrenches: list
-    drive: np.ndarray | None
-    motion: object
-    undisturbed: bool

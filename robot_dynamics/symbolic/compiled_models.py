@@ -26,8 +26,9 @@ MODELS = {
     "friction": models.friction_model,
     "regressor": models.regressor_model,
     "closure": models.closure_model,
+    "state_derivative": models.state_derivative_model,
 }
-OF_LOOPS = ("closure",)  # models that only a robot with loops has
+OF_LOOPS = ("closure", "state_derivative")  # models that only a robot with loops has
 PATIENCE = 0.05  # seconds that a model is computed by the recursions before it is worth compiling
 MOST_PROGRAMS = 24  # of one robot: questions with ever other wrenches do not fill the memory
 
@@ -69,19 +70,20 @@ class PythonProgram:
 
 class CompiledModels:
     """Programs of a robot by what they compute: a name in MODELS; names of the links that wrenches act on; whether the
-    base moves as told; whether the results that tell of singular states come too."""
+    base moves as told; whether the results that tell of singular states come too; numbers of the independent joints,
+    None for those of Dynamics."""
 
     def __init__(self, robot):
         self._robot = robot
         self._programs, self._spent, self._started = {}, {}, set()
         self._lock = Lock()
 
-    def get(self, name, wrenches=(), told=False, guarded=False, batches=False):
+    def get(self, name, wrenches=(), told=False, guarded=False, independent=None, batches=False):
         """The CompiledProgram, or where none can be the PythonProgram, of a model. Compiles it if that is not done.
 
         batches: whether what batches run is compiled at once too, and not when the first one comes.
         """
-        key = (name, tuple(wrenches), told, guarded)
+        key = (name, tuple(wrenches), told, guarded, independent)
         program = self._programs.get(key)
         if program is None:
             with self._lock:
@@ -95,11 +97,11 @@ class CompiledModels:
 
     def ready(self, name, wrenches=(), told=False, guarded=False):
         """The program of a model where it is there already, else None."""
-        return self._programs.get((name, tuple(wrenches), told, guarded))
+        return self._programs.get((name, tuple(wrenches), told, guarded, None))
 
     def note(self, seconds, name, wrenches=(), told=False, guarded=False):
         """Tell that a model took so long without a program; one that is worth it is made, in the background."""
-        key = (name, tuple(wrenches), told, guarded)
+        key = (name, tuple(wrenches), told, guarded, None)
         self._spent[key] = self._spent.get(key, 0.0) + seconds
         if self._spent[key] > PATIENCE and key not in self._started and len(self._started) < MOST_PROGRAMS:
             self._started.add(key)
@@ -113,9 +115,13 @@ class CompiledModels:
         except Exception:  # a fault of ours must not end a thread in silence, and the recursions go on
             logger.exception("the model %s of %r could not be compiled", key[0], self._robot.name)
 
-    def _made(self, name, wrenches, told, guarded):
+    def _made(self, name, wrenches, told, guarded, independent):
         started = time.perf_counter()
         options = {"wrenches": wrenches, "told": told, "guarded": guarded} if name in ("inverse", "direct") else {}
+        if name == "state_derivative":
+            options = {"wrenches": wrenches}
+        if independent is not None:
+            options["independent"] = independent
         trace, key = cache(partial(self._traced, name, options)), fingerprint(self._robot, name, options)
         try:
             made = (key and load_program(key, trace)) or compile_program(trace(), key=key)

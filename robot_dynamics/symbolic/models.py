@@ -30,6 +30,7 @@ MOVING = ("twist", "gravity")
 ARGUMENTS_OF_BASE = {
     "inverse": MOVING,
     "direct": MOVING,
+    "state_derivative": MOVING,
     "bias": MOVING,
     "regressor": MOVING,
     "gravity": ("gravity",),
@@ -77,6 +78,22 @@ def direct_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
     return model.program({"accelerations": qdd}, base_acceleration, guarded)
 
 
+def state_derivative_model(robot, *, wrenches=(), independent=None, gather=True):
+    """q (all joints,), qd (n,), efforts (n,) -> velocities (all joints,), accelerations (n,) and, with a moving base,
+    base_acceleration (6,): what a simulation integrates.
+
+    independent: numbers of the joints that qd and the accelerations belong to; efforts stay those of the independent
+    joints of Dynamics. q need not close the loops to rounding: velocities and accelerations are smooth functions of it.
+    """
+    model = _Model("state_derivative", robot, ("q", "qd", "efforts"), wrenches, gather=gather, independent=independent)
+    motors, efforts = np.zeros(len(robot.joints), dtype=object), model.inputs["efforts"]
+    motors[coupling(robot).independent] = efforts
+    pushes = model.gathered(motors - model.lost_everywhere)
+    nothing = np.zeros(model.size, dtype=int)
+    base_acceleration, qdd = model.accelerations(tuple(range(model.size)), nothing, pushes)
+    return model.program({"velocities": model.qd, "accelerations": qdd}, base_acceleration)
+
+
 def inertia_matrix_model(robot, *, gather=True):
     """q -> A (m, m), as Dynamics.inertia_matrix."""
     model = _Model("inertia_matrix", robot, ("q",), gather=gather)
@@ -116,11 +133,12 @@ def regressor_model(robot):
     return model.program({"regressor": model.projection.T @ Y})
 
 
-def closure_model(robot):
+def closure_model(robot, *, independent=None):
     """q (m,) of the joints that follow no other one -> residual (rows,) of the loops, step (k,) that Newton's method
     takes of the joints that they place, `pivots` and `lengths` (k,) that tell of singular positions, and `placing`
-    (k, k) of which the determinant is negative beyond them."""
-    trace, chosen = Trace(), coupling(robot)
+    (k, k) of which the determinant is negative beyond them. independent: numbers of the joints that stay where they
+    are; None: those of Dynamics."""
+    trace, chosen = Trace(), _coupling(robot, independent)
     prepared_robot, shifts = prepared(robot, gather=False)
     chosen = replace(chosen, robot=prepared_robot, offset=chosen.offset + shifts).oriented()
     names = ("residual", "step", "pivots", "lengths", "placing")
@@ -157,9 +175,9 @@ def frames_model(robot, frames):
 class _Model:
     """A robot and a Trace of which the arguments are recorded: what the functions above put together."""
 
-    def __init__(self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True):
+    def __init__(self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True, independent=None):
         self.name, self.trace = name, Trace()
-        self.coupling = coupling(robot)
+        self.coupling = _coupling(robot, independent)
         independent = self.coupling.independent
         self.size = len(independent)
         self.undriven = tuple(k for k, number in enumerate(independent) if not robot.joints[number].actuated)
@@ -263,6 +281,11 @@ class _Model:
         if guarded:
             results.update(self.guards)
         return program_of(self.trace, self.name, {key: len(value) for key, value in self.inputs.items()}, results)
+
+
+def _coupling(robot, independent):
+    """The Coupling of a robot, with other independent joints if their numbers are given."""
+    return coupling(robot) if independent is None else coupling(robot).with_independent(independent)
 
 
 def prepared(robot, gather=True):

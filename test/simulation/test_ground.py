@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_dynamics import Base, DescriptionError, Dynamics, QuestionError, load_robot
+from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Ground, Simulation
 from robot_dynamics.simulation.plant import Frames
 
@@ -120,3 +121,32 @@ def test_grounds_that_cannot_be_are_refused():
             Ground(("box",), **settings)
     with pytest.raises(QuestionError, match="unknown link 'rear'"):
         Simulation(load_robot(box(), moving_base=True), ground=Ground(("rear",)))
+
+
+@pytest.mark.parametrize("stiffness", [2e4, 1e7, 1e9])
+def test_a_fast_impact_keeps_its_energy_and_goes_as_deep_as_the_spring_says(stiffness):
+    speed, step = 30.0, 1e-3
+    ground = Ground(CORNERS, stiffness=stiffness, damping=0.0, friction=0.0)
+    simulation = Simulation(load_robot(box(), moving_base=True), ground=ground, step=step)
+    pose = np.eye(4)
+    pose[2, 3] = HEIGHT + 0.01234
+    simulation.start(base=Base(pose, [0, 0, -speed, 0, 0, 0]))
+    before, lowest = sum(simulation.energy()), np.inf
+    while simulation.state.twist[2] < 0 or simulation.state.pose[2, 3] < HEIGHT:
+        simulation.advance()
+        lowest = min(lowest, simulation.state.pose[2, 3])
+        assert simulation.state.time < 0.1
+    assert sum(simulation.energy()) == pytest.approx(before, rel=1e-3)
+    depth = speed * np.sqrt(MASS / (4 * stiffness))
+    if depth > 10 * speed * step:  # deep enough for the samples to be near the turn
+        assert HEIGHT - lowest == pytest.approx(depth, rel=2e-2)
+
+
+def test_ground_too_stiff_for_the_step_is_refused():
+    ground = Ground(CORNERS, stiffness=1e16, damping=0.0, friction=0.0)
+    simulation = Simulation(load_robot(box(), moving_base=True), ground=ground)
+    pose = np.eye(4)
+    pose[2, 3] = HEIGHT + 0.001
+    simulation.start(base=Base(pose, [0, 0, -30.0, 0, 0, 0]))
+    with pytest.raises(SimulationError, match="the step is too long"):
+        simulation.advance(20)

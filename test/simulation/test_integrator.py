@@ -13,14 +13,29 @@ def test_method_is_of_order_six():
     for steps in (20, 40):
         y, h = np.array([1.0, 0.0]), 2.0 / steps
         for k in range(steps):  # ẏ = y cos t, and a clock
-            y = y + increment(lambda t, y: np.array([y[0] * np.cos(y[1]), 1.0]), k * h, y, h)
+            y = y + increment(lambda t, y: np.array([y[0] * np.cos(y[1]), 1.0]), k * h, y, h)[0]
         errors.append(abs(y[0] - np.exp(np.sin(2.0))))
     assert 5.7 < np.log2(errors[0] / errors[1]) < 6.6
 
 
+def test_error_estimate_is_that_of_an_embedded_method_of_order_four():
+    estimates = []
+    for h in (0.1, 0.05):
+        _, error = increment(lambda t, y: np.array([y[0] * np.cos(y[1]), 1.0]), 0.0, np.array([1.0, 0.3]), h)
+        estimates.append(abs(error[0]))
+        assert error[1] == pytest.approx(0, abs=1e-16)  # a clock is exact
+    assert 4.5 < np.log2(estimates[0] / estimates[1]) < 5.6  # the error of one step is of order h⁵
+
+
+def test_rotations_beyond_all_bounds_are_not_numbers():
+    for phi in ([np.inf, 0, 0], [np.nan, 0, 0], [1e200, 0, 0]):
+        assert np.isnan(exponential(np.array(phi))).all()
+        assert np.isnan(rotation_vector_rate(np.array(phi), np.ones(3))).all()
+
+
 def test_time_is_given_to_the_derivative_at_each_stage():
-    found = increment(lambda t, y: np.array([6 * t**5]), 1.0, np.zeros(1), 0.5)
-    assert found[0] == pytest.approx(1.5**6 - 1, rel=1e-14)
+    change, _ = increment(lambda t, y: np.array([6 * t**5]), 1.0, np.zeros(1), 0.5)
+    assert change[0] == pytest.approx(1.5**6 - 1, rel=1e-14)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 0.01, np.sqrt(SMALL) * 0.999, np.sqrt(SMALL) * 1.001, 1.0, 3.0])

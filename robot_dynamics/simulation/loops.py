@@ -1,0 +1,251 @@
+"""Independent coordinates of closed loops during a simulation, and motion at singular positions of the loops.
+
+The positions of all joints are integrated together, and after each step the dependent ones are put back on the
+constraints (Newton's method, from where the integration has led them): so a mechanism stays on its branch where two
+assembly modes meet. The independent coordinates are chosen by pivoting, and chosen anew where the loops no longer
+determine the others well: so a mechanism passes a dead point of its motor. Source: Wehage and Haug, Generalized
+coordinate partitioning for dimension reduction in analysis of constrained dynamic systems, Journal of Mechanical
+Design 104 (1982).
+
+Where branches cross, as in a flat parallelogram, the constraint Jacobian loses rank whatever the coordinates. On its
+own branch the motion is smooth there all the same. What a model gives at such a point is interpolated between points of
+the branch on both sides of it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler.closure import CLOSED
+from robot_dynamics.newton_euler.coupling import coupling
+from robot_dynamics.newton_euler.loops import loop_equations
+from robot_dynamics.newton_euler.mobility import widest
+
+NEAR = 1e-2
+"""Quality of loops below which each stage of a step is put on the constraints."""
+SINGULAR = 1e-6
+"""Quality of loops below which values are interpolated."""
+WORSE = 0.1
+"""Part of its best quality since it was chosen below which a set of coordinates is compared with others."""
+BETTER = 2.0
+"""Factor by which the quality of another set must be better to be chosen."""
+OFFSETS, WEIGHTS = (1, 2, 3), (15 / 20, -6 / 20, 1 / 20)
+"""Interpolation at 0 between equidistant points on both sides, exact for polynomials of degree 5."""
+DISTANCES = tuple(0.004 * 1.5**k for k in range(9))
+"""Distances of neighbours that are tried, the shortest first [rad or characteristic lengths]."""
+BESIDE = 0.1
+"""Part of the distance by which a neighbour may lie beside the end that was predicted."""
+TRAVEL = 0.02
+"""Longest travel of a joint in a sub-step near a singular position [rad or characteristic lengths]."""
+FAR = 0.1
+"""Longest travel of a joint of loops in a part of a step elsewhere."""
+ROUNDING = 3e-16
+"""Residual [characteristic lengths, rad] wanted near a singular position: the tangent there is as good as the residual
+divided by the square of the distance."""
+ASTRAY = 5e-3
+"""Distance by which positions may have to be corrected after a part of a step [rad or characteristic lengths]."""
+AT_REST = 1e-12
+"""Velocity [rad/s or characteristic lengths/s] below which no direction of motion is known."""
+
+
+class LoopCoordinates(NamedTuple):
+    """Which joints of closed loops are the independent coordinates.
+
+    Attributes
+    ----------
+    independent : tuple of int
+        Numbers of the joints whose velocities are integrated.
+    best : float
+        Best quality since they were chosen.
+    quality : float
+        How well the loops determine the other joints at the present positions: the least squared sine between a column
+        of the constraint Jacobian and those before it, 0 where the other joints are not determined.
+    """
+
+    independent: tuple[int, ...]
+    best: float
+    quality: float
+
+
+class ConstrainedMotion:
+    """Positions and velocities of all joints of a robot with loops, from those of changing independent coordinates.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of the robot, which must have loops.
+    """
+
+    def __init__(self, dynamics):
+        self._dynamics, self._coupling = dynamics, coupling(dynamics.robot)
+        self._partitions = {}  # Coupling and program of the closure by independent joints
+        self.motors = tuple(self._coupling.independent)
+        self.unit = self._coupling.units_of_joints
+        self._looped = sorted(dynamics.robot.looped)
+
+    def of_motors(self, q):
+        """LoopCoordinates of Dynamics.joint_names at positions q (all joints,) that close the loops."""
+        quality = self._quality(self.motors, q)
+        return LoopCoordinates(self.motors, quality, quality)
+
+    def chosen(self, coordinates, q):
+        """The LoopCoordinates for positions q (all joints,), other ones where the present ones have become worse."""
+        independent, best, quality = coordinates
+        if quality >= WORSE * best:
+            return LoopCoordinates(independent, max(best, quality), quality)
+        pivoted = self._coupling.pivoted(q)
+        reached = self._quality(pivoted, q)
+        if reached > BETTER * quality:
+            return LoopCoordinates(pivoted, reached, reached)
+        return LoopCoordinates(independent, quality, quality)
+
+    def close(self, coordinates, q, tolerance=CLOSED):
+        """Put positions on the constraints; the independent joints stay where they are.
+
+        Parameters
+        ----------
+        coordinates : LoopCoordinates
+        q : ndarray, shape (all joints,)
+            Positions predicted by the integration.
+        tolerance : float
+            Residual at which Newton's method ends.
+
+        Returns
+        -------
+        q : ndarray, shape (all joints,)
+        quality : float
+
+        Raises
+        ------
+        SingularModelError
+            The loops do not close near q.
+        """
+        partition, step = self._partition(coordinates.independent)
+        found = partition.project(self._free(q)[None], step, tolerance)
+        if not found.closes[0]:
+            self._refuse(q, "do not close near the positions that the integration leads to")
+        return self._all(found.t[0]), float(found.quality[0])
+
+    def close_on_branch(self, coordinates, q, velocities):
+        """(positions on the constraints next to q, quality) after a part of a step, on the branch that led there.
+
+        Parameters
+        ----------
+        coordinates : LoopCoordinates
+            With the quality before the part of the step.
+        q : ndarray, shape (all joints,)
+            Positions predicted by the integration.
+        velocities : ndarray, shape (all joints,)
+            Direction of motion.
+
+        Raises
+        ------
+        SingularModelError
+            The loops do not close near q, or only on another branch.
+        """
+        if coordinates.quality < NEAR and self.quality(coordinates, q) < SINGULAR:
+            neighbours = self.neighbours(coordinates, q, velocities)
+            closed = interpolate(lambda q: [q], neighbours)[0]
+            return closed, self.quality(coordinates, closed)
+        closed, quality = self.close(coordinates, q, ROUNDING if coordinates.quality < NEAR else CLOSED)
+        if np.abs((closed - q) / self.unit).max() > ASTRAY:
+            self._refuse(q, "close only beside the branch that the integration leads along")
+        return closed, quality
+
+    def short_enough(self, part, coordinates, velocities):
+        """A part of a step [s], halved until no joint of the loops travels too far in it."""
+        travel = TRAVEL if coordinates.quality < NEAR else FAR
+        speed = np.abs(velocities / self.unit)[self._looped].max()
+        while part * speed > travel:
+            part /= 2
+        return part
+
+    def quality(self, coordinates, q):
+        """Quality of the coordinates at positions q (all joints,) near the constraints."""
+        _, step = self._partition(coordinates.independent)
+        _, _, pivots, lengths, _ = step(self._free(q))
+        return float((pivots / lengths).min())
+
+    def neighbours(self, coordinates, q, velocities):
+        """Positions on the branch on both sides of a singular position, and their weights in the interpolation.
+
+        Parameters
+        ----------
+        coordinates : LoopCoordinates
+        q : ndarray, shape (all joints,)
+            Positions near the constraints.
+        velocities : ndarray, shape (all joints,)
+            Velocities of all joints near q: the direction of the branch.
+
+        Returns
+        -------
+        list of (float, ndarray)
+
+        Raises
+        ------
+        SingularModelError
+            The mechanism is at rest, so that nothing determines its branch; or the branch turns or ends here.
+        """
+        speed = np.abs(velocities / self.unit)[self._looped].max()
+        if not speed > AT_REST:
+            self._refuse(q, "can move on in more than one way from here, and they are at rest: no direction of motion "
+                            "determines the branch")  # fmt: skip
+        for distance in DISTANCES:
+            sides = [self._side(coordinates, q, sign * distance / speed * velocities) for sign in (1, -1)]
+            if None not in sides:
+                return [(weight, side[k]) for k, weight in enumerate(WEIGHTS) for side in sides]
+        self._refuse(q, "are singular all along the direction of motion, or on a branch that turns sharply")
+
+    def _side(self, coordinates, q, stride):
+        """Positions on the branch at OFFSETS times the stride (all joints,) from q, None where they are not regular."""
+        placed, before = [q], q - stride
+        for _ in OFFSETS:
+            predicted = 2 * placed[-1] - before
+            try:
+                closed, quality = self.close(coordinates, predicted, ROUNDING)
+            except SingularModelError:
+                return None
+            if quality < SINGULAR or np.abs(closed - predicted).max() > BESIDE * np.abs(stride).max():
+                return None
+            before = placed[-1]
+            placed.append(closed)
+        return placed[1:]
+
+    def _partition(self, independent):
+        """(Coupling, function that gives Newton's steps) of independent joints."""
+        if independent not in self._partitions:
+            partition = self._coupling.with_independent(independent)
+            program = self._dynamics.compile("closure", independent=independent)
+            self._partitions[independent] = partition, program.evaluate
+        return self._partitions[independent]
+
+    def at(self, coordinates, q):
+        """The Configuration at positions q (all joints,), its independent joints those of the coordinates."""
+        return self._partition(coordinates.independent)[0].at(q)
+
+    def _quality(self, independent, q):
+        return self.quality(LoopCoordinates(independent, 1.0, 1.0), q)
+
+    def _free(self, q):
+        """Positions of the joints that follow no other one."""
+        return np.ascontiguousarray(q[self._coupling.free])
+
+    def _all(self, t):
+        return self._coupling.S @ t + self._coupling.offset
+
+    def _refuse(self, q, what):
+        robot = self._dynamics.robot
+        loop, _, _ = widest(robot, loop_equations(robot, q).residual)
+        names = self._dynamics.all_joint_names
+        positions = ", ".join(f"{name} {value:.6g}" for name, value in zip(names, q, strict=True))
+        raise SingularModelError(f"loop {loop!r} is singular: the loops {what} (at {positions})")
+
+
+def interpolate(evaluate, neighbours):
+    """Weighted sum of the arrays that evaluate(q) gives at neighbours, as `ConstrainedMotion.neighbours` gives them."""
+    sums = None
+    for weight, q in neighbours:
+        terms = [weight * value for value in evaluate(q)]
+        sums = terms if sums is None else [total + term for total, term in zip(sums, terms, strict=True)]
+    return sums
