@@ -101,6 +101,27 @@ class Configurations:
                 found.append(closed.t)
         return self._everyone(np.concatenate(found or [np.zeros((0, len(self._coupling.free)))]))
 
+    def continued(self, q, previous, velocities=None):
+        """Positions (..., all joints) for q (..., n), on the branch that leads there from positions near them.
+
+        previous: (..., all joints) positions that close the loops; velocities: (..., all joints) there, None where the
+        tangent shows where they lead. Raises SingularModelError as `closed`, and where the branch bends.
+        """
+        names = ", ".join(self._names[number] for number in self.independent)
+        q = finite("positions", q, len(self.independent), f"joints ({names})")
+        everyone = len(self._names), f"joints ({', '.join(self._names)})"
+        previous = finite("previous", previous, *everyone)
+        velocities = previous[..., :0] if velocities is None else finite("velocities", velocities, *everyone)
+        if not self.robot.loops:
+            return self.closed(q)
+        batch = np.broadcast_shapes(q.shape[:-1], previous.shape[:-1], velocities.shape[:-1])
+        samples = [np.broadcast_to(array, (*batch, array.shape[-1])).reshape(math.prod(batch), array.shape[-1])
+                   for array in (q, previous, velocities)]  # fmt: skip
+        with self._steps() as step:
+            closed = self._coupling.continued(*samples, step)
+            self._refuse_open(closed, many=bool(batch))
+        return self._everyone(closed.t).reshape(*batch, len(self._names))
+
     @property
     def known(self):
         """(all joints,) positions that close the loops, or the initial ones where there are none."""

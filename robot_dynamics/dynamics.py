@@ -304,9 +304,39 @@ class Dynamics:
         pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, P, 1
         return filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
 
-    def expand(self, q):
-        """Positions (..., all joints) of all joints, from those of the independent ones; loops are closed."""
-        return self._configurations.closed(q)
+    def expand(self, q, *, previous=None, velocities=None):
+        """Positions of all joints, from those of the independent ones; loops are closed.
+
+        Positions of dependent joints in q are a seed: the loops close at the positions next to it. The positions of the
+        last sample of a motion are a seed that can fail: near a position where two assembly modes meet, as a flat
+        parallelogram, the positions next to them may belong to the other mode. Give them as `previous`, and the
+        velocities of that sample with them; or use `follow` for a whole trajectory.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n) or (..., all joints)
+            Positions. Of all joints only without `previous`.
+        previous : array_like, shape (..., all joints), optional
+            Positions that close the loops, from which the motion leads to q.
+        velocities : array_like, shape (..., all joints), optional
+            Velocities at `previous`. The direction of motion on the branch; without them, that of its tangent.
+
+        Returns
+        -------
+        ndarray, shape (..., all joints)
+
+        Raises
+        ------
+        QuestionError
+            An argument does not fit.
+        SingularModelError
+            The loops do not close, do not determine the dependent joints, or not without leaving the assembly mode.
+        """
+        if previous is None:
+            if velocities is not None:
+                raise QuestionError("velocities are those at previous positions: give previous too")
+            return self._configurations.closed(q)
+        return self._configurations.continued(q, previous, velocities)
 
     @cached_property
     def platform(self):

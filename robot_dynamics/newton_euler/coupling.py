@@ -272,6 +272,21 @@ class Coupling:
         found = self._closed(ahead, step)
         return found._replace(bent=bent | self._bend(t, ahead, found.t))
 
+    def continued(self, q, previous, velocities, step=None):
+        """The Closed positions for q (N, n) on the branch that leads there from positions `previous` (N, all joints),
+        in the direction of velocities (N, all joints) of this sample, or of the tangent where velocities is (N, 0).
+        `crossed` tells of a bend."""
+        t = previous[:, self.free]
+        came = None
+        if velocities.shape[-1]:
+            rates, unit = velocities[:, self.free], self._reach[self.chosen]
+            speed = np.linalg.norm(rates[:, self.chosen] / unit, axis=-1)
+            distance = np.linalg.norm((q - t[:, self.chosen]) / unit, axis=-1)
+            duration = np.divide(distance, speed, out=np.zeros(len(t)), where=speed > 0)
+            came = t - duration[:, None] * rates
+        found = self.along(t, q, step, came=came)
+        return found._replace(crossed=found.bent)
+
     def _tangent_way(self, t, q):
         """(N, m) the way from t to q (N, n) along the tangent."""
         way = np.zeros_like(t)

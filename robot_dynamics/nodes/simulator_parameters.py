@@ -30,7 +30,7 @@ PARAMETERS = {
     "drive_time": (0.05, "in which cmd_vel comes 63 % nearer [s]"),
     "ground.points": ("", "names of links whose origins touch the ground; empty: there is no ground"),
     "ground.height": (0.0, "z of the ground in the world [m]"),
-    "ground.stiffness": (2e4, "of the ground below each point [N/m]"),
+    "ground.stiffness": (2e4, "of the ground below each point [N/m]; what hits it goes in by about v √(m/k)"),
     "ground.damping": (2e2, "of the ground below each point [N s/m]"),
     "ground.friction": (0.8, "of the ground"),
     "ground.slip_velocity": (0.01, "at which friction has 0.7 of its full value [m/s]"),

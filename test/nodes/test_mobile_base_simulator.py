@@ -306,3 +306,33 @@ def test_what_diverges_stops_is_said_and_begins_anew(start):
     assert node.caller.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
     heard = len(node.joint_states)
     node.wait_until(lambda: len(node.joint_states) > heard + 10, "states again")
+
+
+PARALLELOGRAM = """
+format: 1
+robot: parallelogram
+parameters: {crank: 0.2, ground: 0.4}
+base: {link: frame}
+joints:
+  - {joint: crank, link: crank, mdh: {}, initial_position: 1.0, mass: 1, centre_of_mass: [crank/2, 0, 0],
+     central_inertia: {yy: crank^2/12, zz: crank^2/12}}
+  - {joint: coupler, link: coupler, role: passive, mdh: {d: crank}, initial_position: -1.0, mass: 1,
+     centre_of_mass: [ground/2, 0, 0], central_inertia: {yy: ground^2/12, zz: ground^2/12}}
+  - {joint: rocker, link: rocker, antecedent: frame, role: passive, mdh: {d: ground}, initial_position: 1.0, mass: 1,
+     centre_of_mass: [crank/2, 0, 0], central_inertia: {yy: crank^2/12, zz: crank^2/12}}
+loops:
+  - {joint: pin, moved: {antecedent: coupler, mdh: {d: ground}}, closed_on: {antecedent: rocker, xyz: [crank, 0, 0]},
+     initial_position: 1.0}
+"""
+
+
+def test_a_parallelogram_stays_one_through_its_flat_positions(start, tmp_path):
+    path = tmp_path / "parallelogram.yaml"
+    path.write_text(PARALLELOGRAM)
+    node = start(robot_file=str(path), **QUIET, **{"initial.joints": ["crank"], "initial.velocities": [6.0]})
+    for _ in range(6):  # 1.2 s: from 1 rad to more than 8, through π and 2π
+        last = node.steps(200)
+        crank, coupler, rocker, pin = last.position
+        np.testing.assert_allclose([crank + coupler, rocker - crank, pin - crank], 0, atol=1e-7)
+        np.testing.assert_allclose(last.velocity, [6.0, -6.0, 6.0, 6.0], rtol=1e-7)
+    assert crank == pytest.approx(1.0 + 1.2 * 6.0, abs=1e-6)

@@ -1,0 +1,194 @@
+"""Mechanisms stay in their assembly mode and keep their energy: through positions where branches cross, through dead
+points of their motors, at any speed. `make soak` simulates more of them, and longer."""
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from peers.five_bar import FiveBar
+from peers.four_bar import FourBar
+from peers.planar_lagrange import PlanarBody, random_body, random_plane
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler.loops import loop_equations
+from robot_dynamics.simulation import Simulation
+
+SECONDS = float(os.environ.get("SIMULATED_SECONDS", "2"))
+MECHANISMS = int(os.environ.get("SIMULATED_MECHANISMS", "10"))
+LOOPED = ("four_bar", "five_bar", "andrews_squeezer", "bricard", "sr400", "irb460")
+
+
+def frictionless(name):
+    robot = load_robot(name)
+    joints = (replace(joint, viscous_friction=0.0, coulomb_friction=0.0) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))
+
+
+def keeps_energy(simulation, seconds, watch=None):
+    """Advance, and check energy and closure of the loops."""
+    robot, start, peak, worst = simulation.robot, sum(simulation.energy()), 0.0, 0.0
+    for _ in range(round(seconds / (10 * simulation.step))):
+        state = simulation.advance(10)
+        kinetic, potential = simulation.energy()
+        peak, worst = max(peak, kinetic), max(worst, abs(kinetic + potential - start))
+        assert np.abs(loop_equations(robot, state.joint_positions).residual).max() < 1e-10
+        if watch:
+            watch(state)
+    assert peak > 0
+    assert worst < 1e-6 * peak
+    return worst / peak
+
+
+def parallelogram(crank=0.2, ground=0.4):
+    bars = tuple(
+        PlanarBody(1.0, np.array([length / 2, 0.0, 0.0]), length**2 / 12 * np.diag([0.0, 1.0, 1.0]))
+        for length in (crank, ground, crank)
+    )
+    return FourBar(crank, ground, crank, ground, bars, gravity=np.zeros(3))
+
+
+@pytest.mark.parametrize("speed", [6.0, -6.0, 0.7, 60.0])
+def test_a_parallelogram_stays_one_through_its_flat_positions(speed):
+    robot = parallelogram().robot(1.0)
+    simulation = Simulation(robot)
+    simulation.start(velocities=[speed])
+
+    def opposite_links_are_parallel(state):
+        crank, coupler, rocker, cut = state.joint_positions
+        np.testing.assert_allclose([crank + coupler, rocker - crank, cut - crank], 0, atol=1e-7)
+        # uniform bars without gravity: the speed never changes
+        np.testing.assert_allclose(state.joint_velocities, speed * np.array([1, -1, 1, 1]), rtol=1e-7)
+
+    keeps_energy(simulation, SECONDS * 5, opposite_links_are_parallel)
+    assert abs(simulation.state.joint_positions[0]) > np.pi  # it has passed the flat position
+
+
+def test_a_parallelogram_at_rest_in_its_flat_position_is_refused():
+    simulation = Simulation(parallelogram().robot(1.0))
+    simulation.start(velocities=[0.0])
+    state = simulation.state
+    flat = replace(
+        state,
+        joint_positions=np.array([np.pi, -np.pi, np.pi, np.pi]),
+        positions=np.array([np.pi]),
+        coordinates=state.coordinates._replace(quality=0.0),
+    )
+    simulation.reset(flat)
+    with pytest.raises(SingularModelError, match=r"loop 'four_bar' is singular.*no direction of motion"):
+        simulation.advance()
+
+
+def random_four_bar(rng):
+    """A FourBar of any kind, and an angle of its crank at which it is well closed."""
+    while True:
+        lengths = rng.uniform(0.15, 0.6, 4)
+        crank, coupler, rocker, ground = lengths
+        angle = rng.uniform(-np.pi, np.pi)
+        span = np.hypot(crank * np.cos(angle) - ground, crank * np.sin(angle))
+        if abs(coupler - rocker) + 0.02 < span < coupler + rocker - 0.02:
+            bodies = tuple(random_body(rng, length) for length in lengths[:3])
+            plane, gravity = random_plane(rng), rng.normal(size=3) * 5
+            return FourBar(*lengths, bodies, mode=int(rng.choice([1, -1])), plane=plane, gravity=gravity), angle
+
+
+@pytest.mark.parametrize("seed", range(MECHANISMS))
+def test_random_four_bars_keep_their_energy(seed):
+    rng = np.random.default_rng([seed, 77])
+    mechanism, angle = random_four_bar(rng)
+    simulation = Simulation(mechanism.robot(angle))
+    simulation.start(velocities=[rng.uniform(-8, 8)])
+    keeps_energy(simulation, SECONDS)
+
+
+@pytest.mark.parametrize("seed", range(MECHANISMS // 2))
+def test_random_five_bars_keep_their_energy(seed):
+    rng = np.random.default_rng([seed, 78])
+    while True:
+        cranks, rods, ground = rng.uniform(0.15, 0.4, 2), rng.uniform(0.3, 0.7, 2), rng.uniform(0.2, 0.6)
+        angles = rng.uniform(-np.pi, np.pi, 2)
+        ends = cranks * np.exp(1j * angles) + [0, ground]
+        if abs(rods[0] - rods[1]) + 0.02 < abs(ends[1] - ends[0]) < rods.sum() - 0.02:
+            break
+    bodies = tuple(random_body(rng, length) for length in (cranks[0], rods[0], cranks[1], rods[1]))
+    mechanism = FiveBar(
+        tuple(cranks), tuple(rods), ground, bodies, mode=1, plane=random_plane(rng), gravity=rng.normal(size=3) * 5
+    )
+    simulation = Simulation(mechanism.robot(angles))
+    simulation.start(velocities=rng.uniform(-5, 5, 2))
+    keeps_energy(simulation, SECONDS)
+
+
+@pytest.mark.parametrize("name", LOOPED)
+def test_shipped_robots_with_loops_keep_their_energy(name):
+    rng = np.random.default_rng([len(name), 79])
+    simulation = Simulation(frictionless(name))
+    simulation.start(velocities=rng.uniform(-1, 1, len(simulation.joint_names)))
+    print(f"{name}: {keeps_energy(simulation, SECONDS):.2g} of the largest kinetic energy")
+
+
+def test_a_four_bar_passes_dead_points_as_the_one_that_its_other_link_drives():
+    """The motor of one linkage is at the long link, which only swings; that of the other, of the same bodies, at the
+    short link, which turns all the way round: coordinates that are never singular."""
+    short, coupler, long, ground = 0.15, 0.5, 0.4, 0.45
+    rng = np.random.default_rng(5)
+    bodies = [random_body(rng, length) for length in (short, coupler, long)]
+    free = FourBar(short, coupler, long, ground, tuple(bodies), gravity=np.zeros(3), mode=1)
+    reference = Simulation(free.robot(0.4), step=1e-3)
+    reference.start(velocities=[5.0])
+    # seen from the other end: x reversed, so that the plane is turned by half a turn about its normal
+    turned = np.diag([-1.0, -1.0, 1.0, 1.0])
+    turned[0, 3] = ground
+    swapped = [bodies[2], reversed_body(bodies[1], coupler), bodies[0]]
+    rocker = np.real(free.link_angles(np.array([0.4]))[2])
+    swinging = [
+        FourBar(long, coupler, short, ground, tuple(swapped), gravity=np.zeros(3), plane=turned, mode=mode)
+        for mode in (1, -1)
+    ]
+    at = np.array([rocker - np.pi])
+    swinging.sort(key=lambda bar: abs(np.sin((np.real(bar.link_angles(at)[2]) - 0.4 + np.pi) / 2)))
+    simulation = Simulation(swinging[0].robot(at))
+    simulation.start(velocities=[5.0 * np.real(free.link_rates(np.array([0.4]))[2, 0])])
+    np.testing.assert_allclose(sum(simulation.energy()), sum(reference.energy()), rtol=1e-12)
+    dead_points, sign = 0, np.sign(simulation.state.velocities[0])
+    for _ in range(300):
+        expected, state = reference.advance(10), simulation.advance(10)
+        # joint positions: crank, coupler, rocker, cut
+        assert state.joint_velocities[0] == pytest.approx(expected.joint_velocities[2], abs=1e-6)
+        assert state.joint_velocities[2] == pytest.approx(expected.joint_velocities[0], abs=1e-6)
+        dead_points += np.sign(state.velocities[0]) != sign
+        sign = np.sign(state.velocities[0])
+    assert dead_points >= 4
+
+
+def reversed_body(body, length):
+    """The same body, seen from the other end of its link."""
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    return PlanarBody(
+        body.mass, np.array([length, 0.0, 0.0]) + half_turn @ body.centre, half_turn @ body.inertia @ half_turn
+    )
+
+
+def test_the_same_inputs_give_the_same_numbers():
+    simulation = Simulation(frictionless("irb460"))
+    first = simulation.advance(900)
+    assert first.coordinates.independent != Simulation(frictionless("irb460")).state.coordinates.independent
+    simulation.reset()
+    second = simulation.advance(900)
+    np.testing.assert_array_equal(first.joint_positions, second.joint_positions)
+    np.testing.assert_array_equal(first.joint_velocities, second.joint_velocities)
+    assert first.coordinates == second.coordinates
+
+
+def test_accelerations_at_other_coordinates_are_those_of_the_direct_model():
+    robot = frictionless("sr400")
+    simulation = Simulation(robot)
+    while simulation.state.coordinates.independent == Simulation(robot).state.coordinates.independent:
+        simulation.advance(50)
+        assert simulation.state.time < 20
+    simulation.advance(100)
+    state, efforts = simulation.state, np.linspace(-20, 30, len(simulation.joint_names))
+    _, joints = simulation.accelerations(efforts=efforts)
+    expected = Dynamics(robot).direct(state.joint_positions, state.velocities, efforts)
+    np.testing.assert_allclose(joints, expected, rtol=1e-9, atol=1e-7)
