@@ -120,14 +120,17 @@ class Configurations:
         if program is None and self._programs is not None:
             self._programs.note(time.perf_counter() - started, "closure")
 
-    def at(self, q, numbered=True):
-        """The Configuration at positions that `checked` takes. numbered: as for `closed`."""
-        return self.of_all(self.closed(q, numbered))
+    def at(self, q, numbered=True, in_charts=True):
+        """The Configuration at positions that `checked` takes. numbered: as for `closed`; in_charts: as for `of_all`."""
+        return self.of_all(self.closed(q, numbered), in_charts)
 
-    def of_all(self, q):
-        """The Configuration at positions (..., all joints) that are known to close the loops."""
+    def of_all(self, q, in_charts=True):
+        """The Configuration at positions (..., all joints) that are known to close the loops.
+
+        in_charts: whether platforms move in charts of their attitudes, and not by rates of yaw, pitch and roll.
+        """
         with np.errstate(all="ignore"):
-            return self._coupling.at(q)
+            return self._coupling.at_attitudes(q) if in_charts else self._coupling.at(q)
 
     def _refuse_open(self, found, first=0, many=False):
         """Raise SingularModelError for the first sample whose loops are open or singular.
