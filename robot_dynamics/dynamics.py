@@ -384,6 +384,10 @@ class Dynamics:
         spread[..., self._configurations.independent] = efforts
         return spread
 
+    def configuration(self, q):
+        """The `newton_euler.configuration.Configuration` at positions as q: how all joints move together there."""
+        return self._configurations.at(q)
+
     def _positions(self, q):
         """What programs take as q, checked: (..., n), or of all joints (..., all joints) where there are loops."""
         return self._configurations.closed(q) if self.robot.loops else self._joints("positions", q)

@@ -15,7 +15,7 @@ that depends on the positions, and with yaw and pitch zero: so all recursions ta
 """
 
 import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ STEEP = 0.5
 """Cosine of pitch below which positions are changed by rotations, and not by the rates of the angles."""
 UNDEFINED = 1e-12
 """Cosine of pitch below which rates of yaw and roll do not exist for every angular velocity."""
+VERTICAL = 1e-14
+"""Cosine of pitch below which yaw is rounding."""
 NEGLIGIBLE = 1e-9
 """Part of an angular velocity or acceleration that may be rounding."""
 
@@ -285,9 +287,8 @@ def exponential(vector):
 
 def logarithm(R):
     """(..., 3) rotation vectors of rotations (..., 3, 3) by less than half a turn."""
-    sines = (
-        np.stack([R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1) / 2
-    )
+    skewed = (R - np.swapaxes(R, -1, -2)) / 2
+    sines = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
     sine = np.linalg.norm(sines, axis=-1)
     angle = np.arctan2(sine, (np.trace(R, axis1=-2, axis2=-1) - 1) / 2)
     return sines * np.where(sine > 0, angle / np.where(sine > 0, sine, 1.0), 1.0)[..., None]
@@ -296,14 +297,20 @@ def logarithm(R):
 def angles_near(R, near):
     """Yaw, pitch and roll (..., 3) of rotations (..., 3, 3): of all that mean this rotation those nearest to angles
     `near` (..., 3). Where pitch is ±90° to the last digits yaw is as there, and roll what is left."""
-    level = np.hypot(R[..., 0, 0], R[..., 1, 0])
-    yaw = np.where(level > UNDEFINED * 1e-2, np.arctan2(R[..., 1, 0], R[..., 0, 0]), near[..., 0])
-    sine, cosine = np.sin(yaw), np.cos(yaw)
-    pitch = np.arctan2(-R[..., 2, 0], cosine * R[..., 0, 0] + sine * R[..., 1, 0])
-    roll = np.arctan2(sine * R[..., 0, 2] - cosine * R[..., 1, 2], cosine * R[..., 1, 1] - sine * R[..., 0, 1])
-    one = np.stack([yaw, pitch, roll], axis=-1)
-    both = np.stack([one, np.stack([yaw + np.pi, np.pi - pitch, roll + np.pi], axis=-1)])
+    one = angles_of(R, near[..., 0])
+    both = np.stack([one, one * [1, -1, 1] + np.pi])
     apart = both - near
     apart -= 2 * np.pi * np.round(apart / (2 * np.pi))
     nearest = np.linalg.norm(apart[1], axis=-1) < np.linalg.norm(apart[0], axis=-1)
     return near + np.where(nearest[..., None], apart[1], apart[0])
+
+
+def angles_of(R, yaw=0.0):
+    """Yaw, pitch within ±90°, and roll (..., 3) of rotations (..., 3, 3). yaw: (...), what it is where pitch is ±90° to
+    the last digits, and roll what is left."""
+    level = np.hypot(R[..., 0, 0], R[..., 1, 0])
+    yaw = np.where(level > VERTICAL, np.arctan2(R[..., 1, 0], R[..., 0, 0]), yaw)
+    sine, cosine = np.sin(yaw), np.cos(yaw)
+    pitch = np.arctan2(-R[..., 2, 0], cosine * R[..., 0, 0] + sine * R[..., 1, 0])
+    roll = np.arctan2(sine * R[..., 0, 2] - cosine * R[..., 1, 2], cosine * R[..., 1, 1] - sine * R[..., 0, 1])
+    return np.stack([yaw, pitch, roll], axis=-1)

@@ -56,11 +56,13 @@ class Configuration:
         return efforts
 
     def completed(self, given, turning=None):
-        """(..., m) rates, or accelerations with `turning`, of the joints that follow no other one: those `given`
-        (..., m), with what the loops make the joints do that they place."""
+        """(..., all joints) rates, or accelerations with `turning`: those `given` (..., all joints), and what the loops
+        make the joints do besides that they place."""
+        given = given[..., self.coupling.free]
         missing = apply(self.jacobian, given)
         missing = missing if turning is None else missing + turning
-        return given + apply(self.leading, least_squares(self.factors, -missing[..., None])[..., 0])
+        found = given + apply(self.leading, least_squares(self.factors, -missing[..., None])[..., 0])
+        return found @ self.coupling.S.T
 
     def rates(self, values, turning=None):
         """(..., all joints) velocities, from those of the independent joints (..., n); or accelerations from theirs,
