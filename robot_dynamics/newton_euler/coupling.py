@@ -258,7 +258,8 @@ class Coupling:
         """(N, m) the way from t to q (N, n) along the tangent."""
         way = np.zeros_like(t)
         way[:, self.chosen] = q - t[:, self.chosen]
-        rates = self.at_attitudes(t @ self.S.T + self.offset).rates(way[:, self.chosen])
+        placed = replace(self, attitudes=self._placed_attitudes)
+        rates = placed.at_attitudes(t @ self.S.T + self.offset).rates(way[:, self.chosen])
         way[:, self.placed] = rates[:, self.dependent]
         return np.nan_to_num(way)
 
