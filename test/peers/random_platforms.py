@@ -113,7 +113,9 @@ class _Growing:
         self.joints += coordinate_joints("platform", first, (*self.home[:3, 3], yaw, pitch, roll))
         self.links += [(f"platform_{place}", Inertia()) for place in range(5)]
         spread = rng.uniform(0.02, 0.06, 3)
-        body = Inertia.about_centre_of_mass(3.0, np.diag(spread.sum() - spread), placement(translation=(0.02, 0.01, 0.03)))
+        body = Inertia.about_centre_of_mass(
+            3.0, np.diag(spread.sum() - spread), placement(translation=(0.02, 0.01, 0.03))
+        )
         self.links.append(("platform", body.seen_from(OWN_FRAME)))
         platform = len(self.links) - 1
         loops = []
