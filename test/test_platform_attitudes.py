@@ -4,7 +4,7 @@ frames in which pitch is far from there, has the same motors, efforts and accele
 import numpy as np
 import pytest
 from peers.maximal_coordinates import MaximalCoordinates
-from peers.random_platforms import FREE, random_platform
+from peers.random_platforms import random_platform
 from peers.reframed import pose_between, reframed, screw_of
 from scipy.spatial.transform import Rotation
 
