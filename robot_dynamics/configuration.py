@@ -65,23 +65,31 @@ class Configurations:
             return q @ self._coupling.S.T + self._coupling.offset
         batch = q.shape[:-1]
         samples = q.reshape(math.prod(batch), q.shape[-1])
-        seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         t = np.empty((len(samples), len(self._coupling.free)))
-        with self._steps() as step:
-            for first in range(0, len(samples), SAMPLES_AT_ONCE):
-                block = slice(first, first + SAMPLES_AT_ONCE)
-                found = self._coupling.found(samples[block], None if seeds is None else seeds[block], step)
-                self._refuse_open(found, first, many=numbered and q.ndim > 1)
-                t[block] = found.t
+        for block, found in self._blocks(samples, seed):
+            self._refuse_open(found, block.start, many=numbered and q.ndim > 1)
+            t[block] = found.t
         return self._everyone(t).reshape(*batch, len(self._names))
 
     def attempted(self, q):
-        """(positions (N, all joints), closed (N,)): as `closed` for q (N, n), but of those samples at which the loops
-        do not close, or are singular, it is told and nothing raised."""
-        q, _ = self.checked(q)
+        """(positions (..., all joints), closed (...)): as `closed`, but of those samples at which the loops do not
+        close, or are singular, it is told and nothing raised."""
+        q, seed = self.checked(q)
+        batch, samples = q.shape[:-1], q.reshape(-1, q.shape[-1])
+        t, good = np.empty((len(samples), len(self._coupling.free))), np.empty(len(samples), dtype=bool)
+        for block, found in self._blocks(samples, seed):
+            t[block], good[block] = found.t, found.closes & (found.quality > UNPLACED) & ~found.crossed
+        return self._everyone(t).reshape(*batch, len(self._names)), good.reshape(batch)
+
+    def _blocks(self, samples, seed):
+        """[(slice, Closed)] of blocks of samples (N, n), with a seed (..., dependent) or None."""
+        seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
+        blocks = [slice(first, first + SAMPLES_AT_ONCE) for first in range(0, len(samples), SAMPLES_AT_ONCE)]
         with self._steps() as step:
-            found = self._coupling.reached(q, step)
-        return self._everyone(found.t), found.closes & (found.quality > UNPLACED) & ~found.crossed
+            return [
+                (block, self._coupling.found(samples[block], None if seeds is None else seeds[block], step))
+                for block in blocks
+            ]
 
     def followed(self, q):
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
@@ -123,6 +131,11 @@ class Configurations:
         return self._everyone(closed.t).reshape(*batch, len(self._names))
 
     @property
+    def attitudes(self):
+        """The Attitudes of platforms that have a chart."""
+        return self._coupling.attitudes
+
+    @property
     def known(self):
         """(all joints,) positions that close the loops, or the initial ones where there are none."""
         start = np.array([self.robot.joints[number].initial_position for number in self._coupling.free])
@@ -141,14 +154,17 @@ class Configurations:
         if program is None and self._programs is not None:
             self._programs.note(time.perf_counter() - started, "closure")
 
-    def at(self, q, numbered=True):
-        """The Configuration at positions that `checked` takes. numbered: as for `closed`."""
-        return self.of_all(self.closed(q, numbered))
+    def at(self, q, numbered=True, in_charts=True):
+        """The Configuration at positions that `checked` takes. numbered: as for `closed`, in_charts: for `of_all`."""
+        return self.of_all(self.closed(q, numbered), in_charts)
 
-    def of_all(self, q):
-        """The Configuration at positions (..., all joints) that are known to close the loops."""
+    def of_all(self, q, in_charts=True):
+        """The Configuration at positions (..., all joints) that are known to close the loops.
+
+        in_charts: whether platforms move in charts of their attitudes, and not by rates of yaw, pitch and roll.
+        """
         with np.errstate(all="ignore"):
-            return self._coupling.at(q)
+            return self._coupling.at_attitudes(q) if in_charts else self._coupling.at(q)
 
     def _refuse_open(self, found, first=0, many=False):
         """Raise SingularModelError for the first sample whose loops are open or singular.

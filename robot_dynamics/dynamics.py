@@ -20,6 +20,7 @@ from robot_dynamics.model.placement import inverse
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.motion import State, moved, with_loops_closed
 from robot_dynamics.natural_frequencies import Elastodynamics
+from robot_dynamics.newton_euler.attitude import virtual_links
 from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.equilibrium import balance
@@ -121,22 +122,22 @@ class Dynamics:
             gathered = state.configuration.gathered
             if qdd is None:
                 every, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
-                qdd, forces, *caused = moved(self.robot, state, every, nothing, given - gathered(lost))
+                qdd, forces, *caused = moved(state, every, nothing, given - gathered(lost))
                 efforts = given
             else:
-                qdd, forces, *caused = moved(self.robot, state, self._undriven, given, -gathered(lost))
+                qdd, forces, *caused = moved(state, self._undriven, given, -gathered(lost))
                 efforts = gathered(forces + lost)
                 efforts[..., self._undriven] = 0  # what is left is rounding
             base_acceleration, wrenches = caused
             everyone = state.everyone(qdd)
             if self.robot.loops:
-                wrenches = with_loops_closed(self.robot, state, everyone, base_acceleration, forces + lost)
+                wrenches = with_loops_closed(state, everyone, base_acceleration, forces + lost)
             reactions = self._in_link_frames(wrenches)
             base_acceleration = state.base.true_acceleration(base_acceleration)
         return Answer(
             filled(qdd, state.batch),
             filled(efforts, state.batch),
-            JointMotion(*(filled(values, state.batch) for values in (state.q, state.qd, everyone))),
+            JointMotion(*state.motion(everyone)),
             filled(base_acceleration, state.batch) if self.robot.moving_base else None,
             filled(reactions, state.batch, axes=2),
         )
@@ -148,7 +149,8 @@ class Dynamics:
         closure and state_derivative; what each takes and gives,
         `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
         whether the acceleration of a moving base is given, for inverse and direct. independent: numbers of the joints
-        that move independently, where they are to be others than joint_names, for closure and state_derivative.
+        that move independently, where they are to be others than joint_names, for inertia_matrix, closure
+        and state_derivative.
 
         The program has `evaluate(q, qd, qdd)` for one sample, which takes buffers of float64 and gives a new array, or
         with one argument more writes into it, and `batch(q, qd, qdd, out=None, threads=1)` for arrays (N, n). It
@@ -180,7 +182,7 @@ class Dynamics:
         configuration = self._configurations.at(q)
         P = projection(configuration.G, self._base_rows)
         with np.errstate(all="ignore"):
-            A = inertia_matrix(self.robot, configuration.q)
+            A = inertia_matrix(configuration.robot, configuration.local)
             return filled(np.swapaxes(P, -1, -2) @ A @ P, q.shape[:-1], axes=2)
 
     def gravity(self, q, *, base=None):
@@ -215,7 +217,7 @@ class Dynamics:
             raise QuestionError("the regressor takes a base that moves as told: give its acceleration in Base")
 
         def recursion():
-            state = self._state(q, qd, base, given=qdd)
+            state = self._state(q, qd, base, given=qdd, in_charts=False)
             with np.errstate(all="ignore"):
                 everyone = state.everyone(qdd)
                 Y = regressor(self.robot, state.q, state.qd, everyone, state.base.twist, state.base.acceleration)
@@ -281,13 +283,13 @@ class Dynamics:
                 refuse_unbalanced(found, self.undriven_joint_names)
                 state, stable = replace(state, configuration=found.configuration), found.stable
             rest = np.zeros_like(state.q)
-            sweep = sweep_forward(self.robot, state.q, rest, np.zeros(6), state.wrenches)
-            forces, wrenches = inverse_dynamics(self.robot, sweep, rest, acceleration)
+            sweep = sweep_forward(state.robot, state.local, rest, np.zeros(6), state.wrenches)
+            forces, wrenches = inverse_dynamics(state.robot, sweep, rest, acceleration)
             forces = forces + spring_force(self.robot, state.q, rest)
             efforts = state.configuration.gathered(forces)
             efforts[..., self._undriven] = 0
             if self.robot.loops:
-                wrenches = with_loops_closed(self.robot, state, rest, acceleration, forces)
+                wrenches = with_loops_closed(state, rest, acceleration, forces)
         return Equilibrium(
             filled(state.q[..., self._configurations.independent], state.batch),
             filled(state.q, state.batch),
@@ -385,7 +387,7 @@ class Dynamics:
         qd, configuration = self._joints("velocities", qd), self._somewhere(q)
         with np.errstate(all="ignore"):
             found = configuration.rates(qd)
-        return filled(found, found.shape[:-1])
+        return configuration.joint_velocities(filled(found, found.shape[:-1]))
 
     def expand_accelerations(self, qdd, q=None, qd=None):
         """Accelerations (..., all joints) of all joints, from those of the independent ones.
@@ -395,15 +397,18 @@ class Dynamics:
         configuration, qdd = self._somewhere(q), self._joints("accelerations", qdd)
         if self.robot.loops and qd is None:
             raise QuestionError("accelerations of joints in loops depend on velocities: give qd")
+        if not self.robot.loops:
+            return filled(configuration.rates(qdd), qdd.shape[:-1])
         with np.errstate(all="ignore"):
-            drift = configuration.drift(configuration.rates(self._joints("velocities", qd))) if self.robot.loops else 0
-            found = configuration.rates(qdd) + drift
-        return filled(found, found.shape[:-1])
+            rates = configuration.rates(self._joints("velocities", qd))
+            found = configuration.rates(qdd) + configuration.drift(rates)
+        return configuration.joint_accelerations(rates, filled(found, found.shape[:-1]))
 
     def gather_efforts(self, efforts, q=None):
         """What efforts (..., all joints) amount to on the independent joints (..., n). q: as for `friction`."""
         everyone = f"joints ({', '.join(self.all_joint_names)})"
-        return self._somewhere(q).gathered(finite("efforts", efforts, len(self.all_joint_names), everyone))
+        efforts, configuration = finite("efforts", efforts, len(self.all_joint_names), everyone), self._somewhere(q)
+        return configuration.gathered(configuration.forces(efforts))
 
     def spread_efforts(self, efforts):
         """Efforts (..., all joints) that amount to `efforts` (..., n): nothing on joints that depend on others."""
@@ -411,6 +416,10 @@ class Dynamics:
         spread = np.zeros((*efforts.shape[:-1], len(self.all_joint_names)))
         spread[..., self._configurations.independent] = efforts
         return spread
+
+    def configuration(self, q):
+        """The `newton_euler.configuration.Configuration` at positions as q: how all joints move together there."""
+        return self._configurations.at(q)
 
     def _positions(self, q):
         """What programs take as q, checked: (..., n), or of all joints (..., all joints) where there are loops."""
@@ -444,10 +453,10 @@ class Dynamics:
             what, values, {place: f"joint {self.joint_names[place]!r}: {why}" for place in self._undriven}
         )
 
-    def _state(self, q, qd, base, external_wrenches=None, given=None):
-        configuration, qd = self._configurations.at(q), self._joints("velocities", qd)
-        base = base_state(self.robot, base)
-        wrenches = link_wrenches(self.robot, external_wrenches)
+    def _state(self, q, qd, base, external_wrenches=None, given=None, in_charts=True):
+        base, wrenches = base_state(self.robot, base), link_wrenches(self.robot, external_wrenches)
+        in_charts = in_charts and not virtual_links(self.robot) & {*wrenches}
+        configuration, qd = self._configurations.at(q, in_charts=in_charts), self._joints("velocities", qd)
         told = (configuration.q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
         batch = common_batch(*told)
         return State(configuration, configuration.rates(qd), base, wrenches, batch, self.joint_names)
@@ -456,7 +465,7 @@ class Dynamics:
         if base is not None and base.acceleration is not None:
             raise QuestionError("the acceleration of the base has no part in this term: leave it out of Base")
         with np.errstate(all="ignore"):
-            H = bias(self.robot, state.q, state.qd, twist, acceleration, drift=state.drift)
+            H = bias(state.robot, state.local, state.qd, twist, acceleration, drift=state.drift)
             return filled(apply_transposed(projection(state.configuration.G, self._base_rows), H), state.batch)
 
     def _in_link_frames(self, wrenches):

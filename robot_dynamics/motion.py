@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_dynamics.answer import BASE_ROWS, refuse_singular
+from robot_dynamics.answer import BASE_ROWS, filled, refuse_singular
 from robot_dynamics.newton_euler import recursion
 from robot_dynamics.newton_euler.coupling import coupled_accelerations
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
@@ -33,6 +33,23 @@ class State:
         """(..., all joints)."""
         return self.configuration.q
 
+    @property
+    def robot(self):
+        """The Robot as the recursions take it, with positions `local`."""
+        return self.configuration.robot
+
+    @property
+    def local(self):
+        """Positions (..., all joints) that go with `robot`, `qd` and what `everyone` gives."""
+        return self.configuration.local
+
+    def motion(self, everyone):
+        """(positions, velocities, accelerations) (..., all joints) of the joints, from accelerations that `everyone`
+        gives."""
+        q, rates, accelerations = (filled(values, self.batch) for values in (self.q, self.qd, everyone))
+        accelerations = self.configuration.joint_accelerations(rates, accelerations)
+        return q, self.configuration.joint_velocities(rates), accelerations
+
     @cached_property
     def drift(self):
         """Accelerations (..., all joints) where the independent ones are not accelerated."""
@@ -48,16 +65,16 @@ class State:
         return self.configuration.rates(qdd) + self.drift
 
 
-def moved(robot, state, unknown, accelerations, forces):
+def moved(state, unknown, accelerations, forces):
     """(accelerations (..., n), forces (..., all joints), base acceleration, link wrenches).
 
     unknown: numbers of the independent joints whose acceleration is unknown; accelerations: (..., n), those that are
     known; forces: (..., n) where accelerations are unknown, less friction and springs.
     """
-    base = state.base
+    robot, base = state.robot, state.base
     if state.depends and len(unknown):
-        accelerations, unknown = _moved_together(robot, state, unknown, accelerations, forces), ()
-    sweep = sweep_forward(robot, state.q, state.qd, base.twist, state.wrenches)
+        accelerations, unknown = _moved_together(state, unknown, accelerations, forces), ()
+    sweep = sweep_forward(robot, state.local, state.qd, base.twist, state.wrenches)
     everyone = state.everyone(accelerations)
     if not len(unknown) and base.acceleration is not None:
         forces, wrenches = inverse_dynamics(robot, sweep, everyone, base.acceleration)
@@ -71,21 +88,21 @@ def moved(robot, state, unknown, accelerations, forces):
     return found_accelerations, found.forces, found.base_acceleration, found.wrenches
 
 
-def _moved_together(robot, state, unknown, accelerations, forces):
+def _moved_together(state, unknown, accelerations, forces):
     """Accelerations of the independent joints of a robot in which some depend on others, as for `moved`."""
-    base, G = state.base, state.configuration.G
+    robot, base, G = state.robot, state.base, state.configuration.G
     known = np.zeros(6) if base.acceleration is None else base.acceleration
-    H = bias(robot, state.q, state.qd, base.twist, known, state.wrenches, state.drift)
+    H = bias(robot, state.local, state.qd, base.twist, known, state.wrenches, state.drift)
     if base.acceleration is not None:
         H = H[..., -len(robot.joints) :]
-    found, pivots, diagonal = coupled_accelerations(robot, G, state.q, unknown, accelerations, forces, H)
+    found, pivots, diagonal = coupled_accelerations(robot, G, state.local, unknown, accelerations, forces, H)
     names = tuple(state.names[number] for number in reversed(unknown)) + BASE_ROWS
     for pivot, k, name in zip(pivots, range(len(pivots)), names, strict=False):
         refuse_singular(pivot, diagonal[..., k], name)
     return found[..., -G.shape[-1] :]
 
 
-def with_loops_closed(robot, state, everyone, base_acceleration, demands):
+def with_loops_closed(state, everyone, base_acceleration, demands):
     """Link wrenches (..., 1 + joints, 6) of a motion with what the ends of the loops exert on each other.
 
     everyone: accelerations (..., all joints); base_acceleration: (..., 6), gravity taken off; demands: (..., all
@@ -95,8 +112,8 @@ def with_loops_closed(robot, state, everyone, base_acceleration, demands):
     wrenches = dict(state.wrenches)
     for link, wrench in state.configuration.loop_wrenches(demands):
         wrenches[link] = wrenches.get(link, 0) - wrench
-    sweep = sweep_forward(robot, state.q, state.qd, state.base.twist, wrenches)
-    return inverse_dynamics(robot, sweep, everyone, base_acceleration)[1]
+    sweep = sweep_forward(state.robot, state.local, state.qd, state.base.twist, wrenches)
+    return inverse_dynamics(state.robot, sweep, everyone, base_acceleration)[1]
 
 
 def _refuse_singular(robot, found):

@@ -12,20 +12,23 @@ is J_i⁻¹ J_vi; with the motors' given, all of it together, which is J_p besid
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from robot_dynamics.answer import filled
 from robot_dynamics.configuration import Configurations
 from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.platform import COORDINATES
-from robot_dynamics.newton_euler.screw import apply
+from robot_dynamics.newton_euler.attitude import STEEP
+from robot_dynamics.platform_motion import AngleRates, ChartRates, coordinates, pose_of, twist_drift, twist_matrix
 from robot_dynamics.platform_springs import accelerated, at_rest
 from robot_dynamics.question import checked_pose, common_batch, finite
 from robot_dynamics.symbolic.compiled_models import CompiledModels
 
+__all__ = ["PlatformDynamics", "Platforms", "check_coordinate", "coordinates", "pose_of", "twist_drift", "twist_matrix"]
+
+SAME_POSE = 1e-9  # [m, rad] by which a pose may differ from the one that is meant
 AXES = "linear and angular components"
 OPEN = "no motor drives it, so its acceleration is part of the answer"
 
@@ -78,6 +81,8 @@ class PlatformDynamics:
             raise QuestionError(f"the platform does not tell where {names} are, which the motors do: ask by joints")
         undriven = [number for number in self._others if not robot.joints[number].actuated]
         self._undriven = [self._independent.index(number) for number in undriven]  # places among joint_names
+        charted = {one.joints for one in self._led.attitudes}
+        self._kinds = [ChartRates if tuple(joints[3:]) in charted else AngleRates for joints in self._numbers.tolist()]
 
     def joints(self, pose, seed=None, others=None):
         """Positions (..., all joints) of all joints where the platform has the pose (..., 4, 4): inverse geometry.
@@ -88,12 +93,12 @@ class PlatformDynamics:
 
         Raises SingularModelError where a leg cannot reach.
         """
-        return self._led.closed(self._given(coordinates(self._poses(pose)), seed, others))
+        return self._closed(self._poses(pose), seed, others)
 
     def reach(self, pose, others=None):
         """(positions (N, all joints), reached (N,)): as `joints` for poses (N, 4, 4), telling which of them the legs
         reach; positions of the others mean nothing."""
-        return self._led.attempted(self._given(coordinates(self._poses(pose)), None, others))
+        return self._attempted(self._poses(pose), None, others)[:2]
 
     def condition(self, q):
         """(...) condition number of J_p between motors and free coordinates, at positions that `joints` gives.
@@ -115,26 +120,32 @@ class PlatformDynamics:
 
     def jacobian(self, q):
         """J_p (..., 6, n): the twist of the platform for unit rates of the motors."""
-        q = self._dynamics.expand(q)
-        columns = [self._dynamics.expand_rates(unit, q) for unit in np.eye(len(self._dynamics.joint_names))]
-        rates = np.stack(columns, axis=-1)[..., self._numbers, :]
-        return self._of_each(twist_matrix(q[..., self._numbers]) @ rates, 2)
+        configuration = self._dynamics.configuration(q)
+        x, G = configuration.q[..., self._numbers], configuration.G[..., self._numbers, :]
+        columns = [self._each("twist", x, G[..., column]) for column in range(G.shape[-1])]
+        return self._of_each(np.stack(columns, axis=-1), 2)
 
     def motion(self, pose, twist=None, acceleration=None, seed=None, others=None):
         """(q, qd, qdd), (..., all joints) each, of all joints for a motion of the platform and of the others.
 
         twist, acceleration: (..., 6), zero if left out. Of these too, only what the legs leave free is read.
         """
-        x, (_, velocities, accelerations) = coordinates(self._poses(pose)), self._told_of_others(others)
+        configuration, rates, second = self._motion(pose, twist, acceleration, seed, others)
+        qdd = configuration.joint_accelerations(rates, second)
+        return np.array(np.broadcast_to(configuration.q, qdd.shape)), configuration.joint_velocities(rates), qdd
+
+    def _motion(self, pose, twist, acceleration, seed, others):
+        """(Configuration, rates, accelerations), (..., all joints) each, as its `joint_velocities` takes them."""
+        poses, (_, velocities, accelerations) = self._poses(pose), self._told_of_others(others)
         twist, acceleration = self._screws("twist", twist), self._screws("acceleration", acceleration)
-        q = self._led.closed(self._given(x, seed, others))
-        configuration, x = self._led.of_all(q), q[..., self._numbers]
-        rates = np.linalg.solve(twist_matrix(x), twist[..., None])[..., 0]
-        second = np.linalg.solve(twist_matrix(x), (acceleration - twist_drift(x, rates))[..., None])[..., 0]
-        qd = configuration.rates(self._among_led(rates, velocities))
-        qdd = configuration.rates(self._among_led(second, accelerations)) + configuration.drift(qd)
-        batch = common_batch(q, qd, qdd)
-        return tuple(filled(values, batch) for values in (q, qd, qdd))
+        configuration = self._led.of_all(self._closed(poses, seed, others))
+        x = configuration.q[..., self._numbers]
+        rates = configuration.completed(self._among_all(self._each("rates", x, twist), velocities))
+        second = self._each("second", x, rates[..., self._numbers], acceleration)
+        turning = configuration.turning(rates)
+        second = configuration.completed(self._among_all(second, accelerations), turning)
+        batch = common_batch(configuration.q, rates, second)
+        return configuration, filled(rates, batch), filled(second, batch)
 
     def inverse(self, pose, twist=None, acceleration=None, *, seed=None, others=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of the motors for a motion of the platform: the inverse dynamic model.
@@ -160,8 +171,8 @@ class PlatformDynamics:
         if efforts is None:
             q, qd, qdd = self._driven(pose, twist, acceleration, seed, others, external_wrenches)
             return self._dynamics.solve(q, qd, qdd=qdd, external_wrenches=external_wrenches)
-        q, qd, _ = self.motion(pose, twist, None, seed, others)
-        qd = qd[..., self._independent]
+        configuration, rates, _ = self._motion(pose, twist, None, seed, others)
+        q, qd = configuration.q, rates[..., self._independent]
         return self._dynamics.solve(q, qd, efforts=efforts, external_wrenches=external_wrenches)
 
     def equilibrium(self, pose, *, seed=None, others=None, external_wrenches=None):
@@ -177,18 +188,50 @@ class PlatformDynamics:
 
     def acceleration(self, motion):
         """The acceleration (..., 6) of the platform in a JointMotion."""
-        x, rates, second = (values[..., self._numbers] for values in motion)
-        return self._of_each(apply(twist_matrix(x), second) + twist_drift(x, rates))
+        x, rates, second = self._moved(motion)
+        return self._of_each(self._each("acceleration", x, rates, second))
 
     def twist(self, motion):
         """The twist (..., 6) of the platform in a JointMotion."""
-        rates = motion.velocities[..., self._numbers]
-        return self._of_each(apply(twist_matrix(motion.positions[..., self._numbers]), rates))
+        x, rates, _ = self._moved(motion)
+        return self._of_each(self._each("twist", x, rates))
+
+    def _moved(self, motion):
+        """(x, rates, their derivatives), (..., platforms, 6) each, of a JointMotion."""
+        q, velocities, accelerations = motion
+        x = q[..., self._numbers]
+        if ChartRates in self._kinds and np.abs(np.cos(x[..., 4])).min(initial=1) < STEEP:
+            # the angles' rates are large there, or none: those of the independent joints tell as much
+            configuration = self._dynamics.configuration(q)
+            rates = configuration.rates(velocities[..., self._independent])
+            turning = configuration.turning(rates)
+            second = configuration.rates(accelerations[..., self._independent], turning)
+            return x, rates[..., self._numbers], second[..., self._numbers]
+        rates, second = velocities[..., self._numbers], accelerations[..., self._numbers]
+        twist = AngleRates.twist(x, rates)
+        acceleration = AngleRates.acceleration(x, rates, second)
+        rates = self._each("rates", x, twist)
+        return x, rates, self._each("second", x, rates, acceleration)
+
+    def _each(self, function, *values):
+        """(..., platforms, 6) what a function of AngleRates or ChartRates gives, of each platform that of its kind."""
+        columns = zip(*(np.moveaxis(value, -2, 0) for value in values), strict=True)
+        found = [getattr(kind, function)(*of_one) for kind, of_one in zip(self._kinds, columns, strict=True)]
+        return np.stack(np.broadcast_arrays(*found), axis=-2)
+
+    def _among_all(self, of_platforms, of_others):
+        """(..., all joints) values of the platforms (..., platforms, 6) and of the others (..., k), zero elsewhere."""
+        batch = np.broadcast_shapes(of_platforms.shape[:-2], of_others.shape[:-1])
+        values = np.zeros((*batch, len(self._dynamics.all_joint_names)))
+        values[..., self._numbers] = of_platforms
+        values[..., self._others] = of_others
+        return values
 
     def _driven(self, pose, twist, acceleration, seed, others, external_wrenches):
         """(q (..., all joints), qd, qdd (..., n)) of a motion, for Dynamics: joints without motor accelerate as they
         must."""
-        q, qd, qdd = self.motion(pose, twist, acceleration, seed, others)
+        configuration, qd, qdd = self._motion(pose, twist, acceleration, seed, others)
+        q = configuration.q
         if self._undriven:
             qdd = accelerated(self._led, self._motored, (q, qd, qdd), self._undriven, external_wrenches)
             qdd[..., [self._independent[place] for place in self._undriven]] = 0  # part of the answer
@@ -248,6 +291,73 @@ class PlatformDynamics:
                 told[place] = np.zeros(len(self._others))
         return told
 
+    def _closed(self, poses, seed, others):
+        """Positions (..., all joints) with the platforms at poses (..., platforms, 4, 4)."""
+        if self._all_free:
+            return self._led.closed(self._given(self._coordinates(poses, seed), seed, others))
+        q, good, asked = self._attempted(poses, seed, others)
+        if good.all():
+            return q
+        reached = q if asked.shape[-1] == q.shape[-1] else q[..., self._led.independent]
+        return self._led.closed(np.where(good[..., None], reached, asked))  # which refuses the others
+
+    def _attempted(self, poses, seed, others):
+        """(positions (..., all joints), whether the legs reach (...), what the led Configurations were given) for poses
+        (..., platforms, 4, 4).
+
+        Where the legs do not leave all coordinates free, more than one pose may have those that are. The pose that is
+        meant is sought besides from where it is, and from its other angles.
+        """
+        x = self._coordinates(poses, seed)
+        asked = self._given(x, seed, others)
+        q, good = self._led.attempted(asked)
+        if self._all_free:
+            return q, good, asked
+        ways = [partial(self._given, x, self._at(x, seed), others)]
+        if seed is None:
+            ways.append(partial(self._given, self._turned_over(x), None, others))
+        for way in ways:
+            meant = good & self._are_at(q, poses)
+            if meant.all():
+                break
+            tried, closed = self._led.attempted(way())
+            better = ~meant & closed & self._are_at(tried, poses)
+            q, good = np.where(better[..., None], tried, q), good | better
+        return q, good, asked
+
+    @property
+    def _all_free(self):
+        return len(self._free) == self._numbers.size
+
+    def _coordinates(self, poses, seed):
+        """(..., platforms, 6) of poses (..., platforms, 4, 4), the angles nearest to those of a seed, or to those that
+        are known."""
+        near = self._led.known[self._numbers]
+        if seed is not None and np.shape(seed)[-1:] == (len(self._dynamics.all_joint_names),):
+            seeded = np.asarray(seed, dtype=float)[..., self._numbers]
+            near = np.where(np.isnan(seeded), near, seeded)
+        return coordinates(poses, near)
+
+    @staticmethod
+    def _turned_over(x):
+        """The other coordinates (..., 6) of the same pose: with pitch on the other side of ±90°."""
+        return np.concatenate([x[..., :3], x[..., 3:] * [1, -1, 1] + np.pi], axis=-1)
+
+    def _at(self, x, seed):
+        """A seed (..., all joints) with the platforms at coordinates (..., platforms, 6)."""
+        batch = np.broadcast_shapes(x.shape[:-2], () if seed is None else np.shape(seed)[:-1])
+        found = np.full((*batch, len(self._dynamics.all_joint_names)), np.nan)
+        if seed is not None:
+            found[...] = seed
+        found[..., self._numbers] = x
+        return found
+
+    def _are_at(self, q, poses):
+        """(...) whether the platforms are at poses (..., platforms, 4, 4)."""
+        apart = np.abs(pose_of(q[..., self._numbers]) - poses)
+        apart[..., :3, 3] /= self._dynamics.robot.characteristic_length
+        return apart.max(axis=(-3, -2, -1)) <= SAME_POSE
+
     def _given(self, x, seed, others):
         """What the led Configurations take: coordinates x (..., platforms, 6), a seed (..., all joints) or none, and
         what is told of the others."""
@@ -294,14 +404,15 @@ def _led_by_platforms(robot, coordinates, free):
         else joint
         for number, joint in enumerate(robot.joints)
     ]
-    return replace(robot, joints=tuple(joints), platforms=())
+    platforms = tuple(replace(platform, leads=True) for platform in robot.platforms)
+    return replace(robot, joints=tuple(joints), platforms=platforms)
 
 
 def _wrong_coordinates(dynamics, links, numbers, free):
     """A sentence on free coordinates (names of each platform) that do not tell where platforms are, and on those that
     would: by the rank of their rates for unit rates of the motors."""
     motors = len(dynamics.joint_names)
-    rates = dynamics.expand_rates(np.eye(motors), np.tile(dynamics.closed_positions, (motors, 1)))
+    rates = np.nan_to_num(dynamics.expand_rates(np.eye(motors), np.tile(dynamics.closed_positions, (motors, 1))))
     told = []
     for link, joints, names in zip(links, numbers, free, strict=True):
         chosen = []
@@ -330,43 +441,3 @@ def check_coordinate(name, free):
         raise QuestionError(unknown_name("coordinate of a platform", name, COORDINATES))
     if name not in free:
         raise QuestionError(f"the legs do not leave {name} of the platform free, only {', '.join(free)}")
-
-
-def coordinates(pose):
-    """(..., 6) x, y, z, yaw, pitch, roll of poses (..., 4, 4)."""
-    angles = Rotation.from_matrix(pose[..., :3, :3].reshape(-1, 3, 3)).as_euler("ZYX").reshape(*pose.shape[:-2], 3)
-    return np.concatenate([pose[..., :3, 3], angles], axis=-1)
-
-
-def pose_of(x):
-    """(..., 4, 4) poses of coordinates (..., 6)."""
-    pose = np.zeros((*x.shape[:-1], 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = _rotation(x), x[..., :3], 1
-    return pose
-
-
-def _rotation(x):
-    angles = x[..., 3:].reshape(-1, 3)
-    return Rotation.from_euler("ZYX", angles).as_matrix().reshape(*x.shape[:-1], 3, 3)
-
-
-def twist_matrix(x):
-    """(..., 6, 6): from the rates of coordinates x (..., 6) to the twist of the platform in its own frame."""
-    matrix = np.zeros((*x.shape[:-1], 6, 6))
-    matrix[..., :3, :3] = np.swapaxes(_rotation(x), -1, -2)
-    sine, cosine = np.sin(x[..., 4:]), np.cos(x[..., 4:])  # of pitch and roll
-    matrix[..., 3, 3], matrix[..., 3, 5] = -sine[..., 0], 1
-    matrix[..., 4, 3], matrix[..., 4, 4] = cosine[..., 0] * sine[..., 1], cosine[..., 1]
-    matrix[..., 5, 3], matrix[..., 5, 4] = cosine[..., 0] * cosine[..., 1], -sine[..., 1]
-    return matrix
-
-
-def twist_drift(x, rates):
-    """(..., 6): the classical acceleration of the platform at rates (..., 6) that do not change."""
-    yaw, pitch, roll = (rates[..., k] for k in (3, 4, 5))
-    (sp, sr), (cp, cr) = (np.moveaxis(of(x[..., 4:]), -1, 0) for of in (np.sin, np.cos))
-    found = np.zeros(np.broadcast_shapes(x.shape, rates.shape))
-    found[..., 3] = -yaw * pitch * cp
-    found[..., 4] = -pitch * roll * sr + yaw * (roll * cp * cr - pitch * sp * sr)
-    found[..., 5] = -pitch * roll * cr - yaw * (roll * cp * sr + pitch * sp * cr)
-    return found

@@ -69,6 +69,11 @@ class Joint:
     brake: bool = False
 
     @property
+    def rotation(self):
+        """(3, 3), or one for each sample (..., 3, 3), of frame j in the antecedent where the joint variable is zero."""
+        return self.placement[:3, :3]
+
+    @property
     def role(self):
         """actuated, elastic or passive; a joint that follows another one: mimic."""
         if self.mimic is not None:

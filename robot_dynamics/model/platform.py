@@ -32,12 +32,14 @@ OWN_FRAME = placement(ONWARD.T)
 class Platform:
     """link: number of the platform's link; joints: numbers of the six joints of COORDINATES, in this order; free: the
     coordinates that its legs let it move by, as many as the mobility, such as ("x", "y", "z") of a Delta; base: the
-    name of the frame on which it stands and in which its pose is told, None: frame 0."""
+    name of the frame on which it stands and in which its pose is told, None: frame 0; leads: whether motors are thought
+    to be at its free coordinates, which the legs then follow."""
 
     link: int
     joints: tuple
     free: tuple = COORDINATES
     base: str | None = None
+    leads: bool = False
 
     def stands(self, robot):
         """(number of the link, placement (4, 4) in its frame) of the frame of a Robot on which the platform stands."""
@@ -78,7 +80,7 @@ def check_platform(platform, robot):
             "the platform must hang on the base by the six joints of its coordinates, in their order, not by "
             f"{names} on link {robot.links[robot.joints[way[0]].antecedent].name!r}"
         )
-    if any(robot.joints[number].role != "passive" for number in way):
+    if not platform.leads and any(robot.joints[number].role != "passive" for number in way):
         raise DescriptionError("the joints that are the coordinates of the platform have neither motors nor springs")
     if not platform.free or not set(platform.free) <= set(COORDINATES):
         raise DescriptionError(f"free coordinates of a platform are some of {', '.join(COORDINATES)}")

@@ -13,15 +13,17 @@ WORTH_IT = 0.999  # of the residual that may be left after a step, where it is w
 LONGEST_STEP = 0.5  # [rad or characteristic lengths]: a Newton step that is longer knows nothing of where it leads
 
 
-def newton(evaluate, t, dependent, longest, iterations=ITERATIONS, closed=CLOSED):
+def newton(evaluate, t, dependent, longest, iterations=ITERATIONS, closed=CLOSED, advance=None):
     """(t (N, m), what `evaluate` gives there): the positions `dependent` moved until the residual is at most `closed`,
     or until nothing brings the ends of the loops closer.
 
     t: (N, m), where to begin; dependent: numbers of columns; longest: (dependent,) the longest step of each. A single
-    sample is evaluated as t (m,), which takes a fraction of the time.
+    sample is evaluated as t (m,), which takes a fraction of the time. advance: positions (..., m) from positions
+    (..., m) and a step (..., dependent), where that is more than a sum.
     """
+    advance = advance or _sum(dependent)
     if len(t) == 1:
-        t, found = _newton_of_one(evaluate, np.array(t[0]), dependent, longest, iterations, closed)
+        t, found = _newton_of_one(evaluate, np.array(t[0]), advance, longest, iterations, closed)
         return t[None], [np.asarray(value)[None] for value in found]
     t = np.array(t)
     found = [np.require(value, requirements="W") for value in evaluate(t)]
@@ -31,11 +33,22 @@ def newton(evaluate, t, dependent, longest, iterations=ITERATIONS, closed=CLOSED
         if not len(waiting):
             break
         step = _no_longer(found[1][_rows(waiting, t)], longest)
-        waiting = _improved(evaluate, t, found, dependent, waiting, step)
+        waiting = _improved(evaluate, t, found, advance, waiting, step)
     return t, found
 
 
-def _newton_of_one(evaluate, t, dependent, longest, iterations, closed):
+def _sum(dependent):
+    """What adds a step (..., dependent) to positions (..., m), of which `dependent` are the numbers of columns."""
+
+    def advance(t, step):
+        found = np.array(t)
+        found[..., dependent] += step
+        return found
+
+    return advance
+
+
+def _newton_of_one(evaluate, t, advance, longest, iterations, closed):
     """As `newton`, of one sample t (m,)."""
     found = evaluate(t)
     for _ in range(iterations):
@@ -44,8 +57,7 @@ def _newton_of_one(evaluate, t, dependent, longest, iterations, closed):
             break
         step, enough, share = _no_longer(found[1], longest), WORTH_IT**2 * (residual @ residual), 1.0
         for _ in range(HALVINGS):
-            trial = t.copy()
-            trial[dependent] += share * step
+            trial = advance(t, share * step)
             tried = evaluate(trial)
             if tried[0] @ tried[0] < enough:
                 break
@@ -64,14 +76,13 @@ def _no_longer(step, longest):
     return step
 
 
-def _improved(evaluate, t, found, dependent, waiting, step):
+def _improved(evaluate, t, found, advance, waiting, step):
     """Those of the samples `waiting` whose loops are nearer to being closed after their step or a part of it; t and
     found hold them then."""
     enough = WORTH_IT**2 * _squared(found[0][_rows(waiting, t)])
     left, share, better = np.arange(len(waiting)), 1.0, []
     for _ in range(HALVINGS):
-        trial = np.array(t[_rows(waiting[left], t)])
-        trial[:, dependent] += share * step[_rows(left, step)]
+        trial = advance(t[_rows(waiting[left], t)], share * step[_rows(left, step)])
         tried = evaluate(trial)
         gains = _squared(tried[0]) < enough[left]
         samples = waiting[left[gains]]

@@ -69,7 +69,7 @@ def turned_second_moments(joint, R, position, J):
         t = c * (xx - yy) - s * (xy + xy)
         shift = c * t  # xx' = c² xx - 2 c s xy + s² yy = yy + c t
         J = symmetric(yy + shift, xy + s * t, c * xz - s * yz, xx - shift, s * xz + c * yz, zz)
-        R = joint.placement[:3, :3]
+        R = joint.rotation
     turned = R @ J
     return mirrored(turned @ np.swapaxes(R, -1, -2))
 

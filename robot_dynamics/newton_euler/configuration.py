@@ -13,7 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_dynamics.newton_euler.least_squares import least_norm, least_squares
+from robot_dynamics.newton_euler import attitude
+from robot_dynamics.newton_euler.least_squares import bordered, least_norm, least_squares
 from robot_dynamics.newton_euler.loops import loop_equations, loop_wrenches
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 
@@ -31,6 +32,37 @@ class Configuration:
     jacobian: np.ndarray | None
     factors: object
     formed: bool
+
+    @property
+    def robot(self):
+        """The Robot as the recursions take it, with positions `local`."""
+        return self.coupling.robot
+
+    @property
+    def local(self):
+        """Positions (..., all joints) that go with `robot`."""
+        return self.q
+
+    def joint_velocities(self, rates):
+        """Velocities (..., all joints) of the joints, from what `rates` gives."""
+        return rates
+
+    def joint_accelerations(self, rates, accelerations):
+        """Accelerations (..., all joints) of the joints, from what `rates` gives for velocities and accelerations."""
+        return accelerations
+
+    def forces(self, efforts):
+        """Forces (..., all joints) as `gathered` takes them, from those at the joints."""
+        return efforts
+
+    def completed(self, given, turning=None):
+        """(..., all joints) rates, or accelerations with `turning`: those `given` (..., all joints), and what the loops
+        make the joints do besides that they place."""
+        given = given[..., self.coupling.free]
+        missing = apply(self.jacobian, given)
+        missing = missing if turning is None else missing + turning
+        found = given + apply(self.leading, least_squares(self.factors, -missing[..., None])[..., 0])
+        return found @ self.coupling.S.T
 
     def rates(self, values, turning=None):
         """(..., all joints) velocities, from those of the independent joints (..., n); or accelerations from theirs,
@@ -51,7 +83,7 @@ class Configuration:
 
     def turning(self, qd):
         """J̇q̇ (..., rows) at velocities qd (..., all joints), None without loops."""
-        return None if self.factors is None else loop_equations(self.coupling.robot, self.q, qd).drift
+        return None if self.factors is None else loop_equations(self.robot, self.local, qd).drift
 
     def drift(self, qd):
         """Accelerations (..., all joints) at velocities qd (..., all joints), the independent ones unaccelerated."""
@@ -79,11 +111,65 @@ class Configuration:
         """(all joints, n): how joints that follow others do."""
         return self.coupling.S[:, self.coupling.chosen]
 
+    @property
+    def leading(self):
+        """(..., m, dependent): rates of the joints that follow no other one, for unit rates of those that the loops
+        place."""
+        return np.eye(len(self.coupling.free), dtype=int)[:, self.coupling.placed]
+
     def _led(self, right_side):
         """(..., all joints, k): what the loops have all joints do, J_d ṫ_d = right_side (..., rows, k)."""
-        return self.coupling.S[:, self.coupling.placed] @ least_squares(self.factors, right_side)
+        return self.coupling.S @ self.leading @ least_squares(self.factors, right_side)
 
     def _multipliers(self, forces):
         """(..., rows), of which the loops exert what forces (..., all joints) ask of the joints that they place."""
-        asked = apply_transposed(self.coupling.S[:, self.coupling.placed], forces)
+        asked = apply_transposed(self.coupling.S @ self.leading, forces)
         return least_norm(self.factors, asked[..., None])[..., 0]
+
+
+@dataclass(frozen=True, eq=False)
+class ChartedConfiguration(Configuration):
+    """A Configuration with rates and forces in the charts of `attitude`, at all platforms that have one.
+
+    Of joints in a chart, what `rates` gives and `gathered` takes belongs to the chart, and so do the rates of those
+    that are independent. Where the loops place yaw, and roll is independent, what they place is yaw all the same: the
+    chart has no such axis.
+    """
+
+    robot: object = None
+    local: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, coupling, q, partition, formed=True):
+        """The ChartedConfiguration of a Coupling at positions q (..., all joints) that close its loops."""
+        robot, local = attitude.charted(coupling.robot, q, coupling.attitudes, coupling.offset)
+        found = cls(coupling, q, loop_equations(robot, local).jacobian @ coupling.S, None, formed, robot, local)
+        object.__setattr__(found, "factors", bordered(found.jacobian @ found.leading, partition))
+        return found
+
+    def joint_velocities(self, rates):
+        return attitude.joint_velocities(self.q, rates, *self._charts)
+
+    def joint_accelerations(self, rates, accelerations):
+        velocities = self.joint_velocities(rates)
+        return attitude.joint_accelerations(self.q, velocities, accelerations, *self._charts)
+
+    def forces(self, efforts):
+        return attitude.chart_forces(self.q, efforts, *self._charts)
+
+    @property
+    def _charts(self):
+        return self.coupling.attitudes, self.coupling.offset
+
+    @cached_property
+    def leading(self):
+        coupling = self.coupling
+        found = np.eye(len(coupling.free), dtype=int)[:, coupling.placed]
+        for one in coupling.attitudes:
+            yaw, _, roll = one.places
+            if yaw in coupling.placed and roll not in coupling.placed:
+                sine, cosine = attitude.sine_cosine(self.q, one, coupling.offset)
+                found = np.array(np.broadcast_to(found, (*sine.shape, *found.shape[-2:])), dtype=float)
+                column = coupling.placed.tolist().index(yaw)
+                found[..., yaw, column], found[..., roll, column] = cosine, -sine
+        return found

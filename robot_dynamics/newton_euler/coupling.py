@@ -16,9 +16,10 @@ import numpy as np
 from scipy.linalg import qr
 
 from robot_dynamics.newton_euler import linear
+from robot_dynamics.newton_euler.attitude import attitudes_of, between, chart_rates, charted, moved
 from robot_dynamics.newton_euler.closure import CLOSED, LONGEST_STEP, newton
 from robot_dynamics.newton_euler.composite import inertia_matrix
-from robot_dynamics.newton_euler.configuration import Configuration
+from robot_dynamics.newton_euler.configuration import ChartedConfiguration, Configuration
 from robot_dynamics.newton_euler.least_squares import bordered, least_squares, partition
 from robot_dynamics.newton_euler.loops import loop_equations, rows_of_loops
 from robot_dynamics.newton_euler.mobility import CLOSES, closed_by, mobility
@@ -67,7 +68,10 @@ class Coupling:
     S (joints, m), offset (joints,): from the joints `free` (numbers) that follow no other one. independent, dependent:
     numbers of joints; among the free ones they have places in the columns of S, `chosen` and `placed`. closed (m,):
     positions of the free joints at which the loops are closed; rows: as many rows of J_d, independent there; sense: the
-    sign of their determinant there.
+    sign of their determinant there. attitudes: of the platforms, those that have a chart.
+
+    Where the loops place yaw and roll of a platform, J_d and the steps of Newton's method are in the chart at its
+    attitude, and the determinant too: it is zero at singular positions alone, and not where pitch is ±90°.
     """
 
     robot: object
@@ -79,6 +83,7 @@ class Coupling:
     closed: np.ndarray | None
     rows: np.ndarray | None = None
     sense: int = 1
+    attitudes: tuple = ()
 
     @property
     def independent(self):
@@ -88,9 +93,9 @@ class Coupling:
     def dependent(self):
         return [self.free[k] for k in self.placed]
 
-    def seen_in(self, robot):
-        """The same Coupling for the same robot with other frames or inertias."""
-        return replace(self, robot=robot)
+    def seen_in(self, robot, shifts=0):
+        """The same Coupling for the same robot with other frames or inertias, and positions that differ by shifts."""
+        return replace(self, robot=robot, offset=self.offset + shifts)
 
     def oriented(self):
         """The same Coupling with `rows` and `sense`, found where the loops are known to be closed."""
@@ -143,9 +148,19 @@ class Coupling:
         tuple of int
             Numbers of the independent joints, ascending.
         """
-        J = loop_equations(self.robot, q).jacobian @ self.S * self._reach
-        order = qr(J, mode="r", pivoting=True)[1]
-        return tuple(self.free[k] for k in sorted(order[len(self.placed) :]))
+        J = loop_equations(*charted(self.robot, q, self.attitudes, self.offset)).jacobian @ self.S * self._reach
+        turned = [place for one in self.attitudes for place in one.places]  # angles of platforms, always dependent
+        basis = np.linalg.qr(J[:, turned])[0]
+        others = np.setdiff1d(np.arange(len(self.free)), turned)
+        order = qr(J[:, others] - basis @ (basis.T @ J[:, others]), mode="r", pivoting=True)[1]
+        independent = others[order[len(self.placed) - len(turned) :]]
+        return tuple(self.free[k] for k in sorted(independent))
+
+    def at_attitudes(self, q, formed=True):
+        """As `at`, with rates and forces in the charts of the platforms' attitudes: also where pitch is ±90°."""
+        if not self.attitudes:
+            return self.at(q, formed)
+        return ChartedConfiguration.of(self, q, self._partition, formed)
 
     def step(self, t):
         """(residual (..., rows), Newton's step (..., dependent), pivots, lengths, placing) of the loops at t (..., m).
@@ -154,7 +169,7 @@ class Coupling:
         rows of J_d of which the determinant is positive where the loops are known to be closed. It does not change its
         sign without passing a singular position.
         """
-        equations = loop_equations(self.robot, t @ self.S.T + self.offset)
+        equations = self._equations(t)
         J = equations.jacobian @ self.S[:, self.placed]
         factors = bordered(J, self._partition)
         step = least_squares(factors, -equations.residual[..., None])[..., 0]
@@ -168,6 +183,24 @@ class Coupling:
         step: as for `near`; tolerance: residual at which Newton's method ends.
         """
         return self._closed(t, step or self.step, tolerance)
+
+    def _equations(self, t):
+        """The LoopEquations at t (..., m), their Jacobian in the charts of the attitudes that the loops place."""
+        q = t @ self.S.T + self.offset
+        return loop_equations(*charted(self.robot, q, self._placed_attitudes, self.offset))
+
+    @cached_property
+    def _placed_attitudes(self):
+        """Those of which the loops place yaw and roll."""
+        return tuple(one for one in self.attitudes if {one.places[0], one.places[2]} <= {*self.placed})
+
+    def _moved(self, t, step):
+        """Positions (..., m) from t (..., m) by a step (..., dependent) of the joints that the loops place."""
+        way = np.zeros_like(t)
+        way[..., self.placed] = step
+        there = moved(t, way, self._placed_attitudes)
+        there[..., self.chosen] = t[..., self.chosen]
+        return there
 
     def found(self, q, seed=None, step=None):
         """The Closed positions for q (N, n), `near` a seed (N, dependent), or without one `reached`."""
@@ -199,7 +232,7 @@ class Coupling:
             alike, moving = (silent == pattern).all(axis=-1), np.flatnonzero(pattern)
             longest = LONGEST_STEP * self._reach[moving]
             begin = np.where(pattern, start[alike], t[alike])
-            t[alike] = closed_by(self.robot, self.S, self.offset, begin, moving, longest)[0]
+            t[alike] = closed_by(self.robot, self.S, self.offset, begin, moving, longest, self.attitudes)[0]
         return t
 
     def reached(self, q, step=None):
@@ -258,16 +291,17 @@ class Coupling:
         step, start = step or self.step, t[:, self.chosen]
         strides = np.ceil(np.abs((q - start) / self._reach[self.chosen]).max(initial=0) / longest)
         strides = max(1, int(min(strides, MOST_STRIDES)))
-        before = t - (self._tangent_way(t, q) if came is None else self._ahead(came, t, q)) / strides
+        before = self._back(t, (self._tangent_way(t, q) if came is None else self._ahead(came, t, q)) / strides)
         bent = np.zeros(len(t), dtype=bool)
         for share in np.linspace(0, 1, strides + 1)[1:-1]:
-            ahead, before = 2 * t - before, t
+            ahead, before = self._on(before, t), t
             ahead[:, self.chosen] = start + share * (q - start)
-            t, found = newton(step, ahead, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY)
+            t, found = newton(step, ahead, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY,
+                              self._advance)  # fmt: skip
             bent |= self._bend(before, ahead, t)
             if (np.abs(found[0]).max(axis=-1) > BLOCKED).all():
                 break  # no sample gets through
-        ahead = 2 * t - before
+        ahead = self._on(before, t)
         ahead[:, self.chosen] = q
         found = self._closed(ahead, step)
         return found._replace(bent=bent | self._bend(t, ahead, found.t))
@@ -279,11 +313,12 @@ class Coupling:
         t = previous[:, self.free]
         came = None
         if velocities.shape[-1]:
-            rates, unit = velocities[:, self.free], self._reach[self.chosen]
+            charted_rates = chart_rates(previous, velocities, self._placed_attitudes, self.offset)
+            rates, unit = charted_rates[:, self.free], self._reach[self.chosen]
             speed = np.linalg.norm(rates[:, self.chosen] / unit, axis=-1)
             distance = np.linalg.norm((q - t[:, self.chosen]) / unit, axis=-1)
             duration = np.divide(distance, speed, out=np.zeros(len(t)), where=speed > 0)
-            came = t - duration[:, None] * rates
+            came = self._back(t, duration[:, None] * rates)
         found = self.along(t, q, step, came=came)
         return found._replace(crossed=found.bent)
 
@@ -291,36 +326,52 @@ class Coupling:
         """(N, m) the way from t to q (N, n) along the tangent."""
         way = np.zeros_like(t)
         way[:, self.chosen] = q - t[:, self.chosen]
-        rates = self.at(t @ self.S.T + self.offset).rates(way[:, self.chosen])
+        placed = replace(self, attitudes=self._placed_attitudes)
+        rates = placed.at_attitudes(t @ self.S.T + self.offset).rates(way[:, self.chosen])
         way[:, self.placed] = rates[:, self.dependent]
         return np.nan_to_num(way)
+
+    def _on(self, before, t):
+        """(N, m) as far beyond t (N, m) as t is from `before`."""
+        return moved(t, between(before, t, self._placed_attitudes), self._placed_attitudes)
+
+    def _back(self, t, way):
+        """(N, m) from where `way` (N, m) leads to t (N, m)."""
+        return moved(t, -way, self._placed_attitudes)
 
     def _ahead(self, came, t, q):
         """(N, m) how far the way from `came` to t leads, if it goes on as it came as far as q (N, n) is away."""
         unit = self._reach[self.chosen]
-        moved, left = (t - came)[:, self.chosen] / unit, (q - t[:, self.chosen]) / unit
-        length = np.sum(moved**2, axis=-1)
-        share = np.sum(moved * left, axis=-1) / np.where(length > 0, length, np.inf)
-        return np.clip(share, -FARTHEST, FARTHEST)[:, None] * (t - came)
+        passed, left = (t - came)[:, self.chosen] / unit, (q - t[:, self.chosen]) / unit
+        length = np.sum(passed**2, axis=-1)
+        share = np.sum(passed * left, axis=-1) / np.where(length > 0, length, np.inf)
+        return np.clip(share, -FARTHEST, FARTHEST)[:, None] * between(came, t, self._placed_attitudes)
 
     def _bend(self, before, ahead, t):
         """(N,) whether a stride from `before` that pointed to `ahead` has come to t far beside it."""
-        stride, beside = np.abs((ahead - before) / self._reach), np.abs((t - ahead) / self._reach)
+        ways = between(before, ahead, self._placed_attitudes), between(ahead, t, self._placed_attitudes)
+        stride, beside = (np.abs(way / self._reach) for way in ways)
         return beside.max(axis=-1) > BEND * stride.max(axis=-1) + NO_BEND
 
     def _closed(self, t, step, tolerance=CLOSED):
-        t, (residual, _, pivots, lengths, placing) = newton(step, t, self.placed, self._longest, closed=tolerance)
+        t, (residual, _, pivots, lengths, placing) = newton(
+            step, t, self.placed, self._longest, closed=tolerance, advance=self._advance
+        )
         nothing = np.zeros(len(t), dtype=bool)
         return Closed(t, residual, (pivots / lengths).min(axis=-1), placing, nothing, nothing)
 
     def _dependent_jacobian(self, t):
         """J_d (rows, dependent) at positions t (m,)."""
-        return loop_equations(self.robot, self.S @ t + self.offset).jacobian @ self.S[:, self.placed]
+        return self._equations(t).jacobian @ self.S[:, self.placed]
 
     def condition(self, t):
         """The condition number of J_d at positions t (m,), infinite where J_d is no finite matrix."""
         J = self._dependent_jacobian(t)
         return float(np.linalg.cond(J)) if np.isfinite(J).all() else np.inf
+
+    @property
+    def _advance(self):
+        return self._moved if self._placed_attitudes else None
 
     @cached_property
     def _partition(self):
@@ -392,7 +443,8 @@ def coupling(robot):
         return Coupling(robot, S, offset, free, np.arange(len(free)), np.zeros(0, dtype=int), None)
     with np.errstate(all="ignore"):  # ends half a turn apart: what does not close is refused
         placed, closed = mobility(robot, S, offset, free)
-    return Coupling(robot, S, offset, free, np.setdiff1d(np.arange(len(free)), placed), placed, closed).oriented()
+    chosen = np.setdiff1d(np.arange(len(free)), placed)
+    return Coupling(robot, S, offset, free, chosen, placed, closed, attitudes=attitudes_of(robot, free)).oriented()
 
 
 def projection(G, base_rows):

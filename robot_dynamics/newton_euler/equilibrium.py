@@ -57,7 +57,9 @@ def balance(robot, configured, start, q, free, base_acceleration, external_wrenc
         """What is out of balance at the free joints (..., free), not far from `here`."""
         there = configured(independent(q_free), here.q)
         rest = np.zeros_like(there.q)
-        held = bias(robot, there.q, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches)
+        held = bias(
+            there.robot, there.local, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches
+        )
         return there.gathered(held[..., -len(robot.joints) :] + spring_force(robot, there.q, rest))[..., free]
 
     found, here = q[..., free], start

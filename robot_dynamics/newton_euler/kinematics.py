@@ -27,13 +27,13 @@ def place(joint, position):
 
     iTj(q) = iTj(0) Rot(z, q) for a revolute joint, iTj(0) Trans(z, q) for a prismatic one.
     """
-    R, P = joint.placement[:3, :3], joint.placement[:3, 3]
+    R, P = joint.rotation, joint.placement[:3, 3]
     if joint.prismatic:
-        return R, P + position * R[:, 2]
+        return R, P + position * R[..., 2]
     cosine, sine = np.cos(position), np.sin(position)
-    x = cosine * R[:, 0] + sine * R[:, 1]
-    y = cosine * R[:, 1] - sine * R[:, 0]
-    return np.stack(np.broadcast_arrays(x, y, R[:, 2]), axis=-1), P
+    x = cosine * R[..., 0] + sine * R[..., 1]
+    y = cosine * R[..., 1] - sine * R[..., 0]
+    return np.stack(np.broadcast_arrays(x, y, R[..., 2]), axis=-1), P
 
 
 def velocity_wrench(link, V):

@@ -12,6 +12,7 @@ from scipy.linalg import qr
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.cut_joints import cut_joints
+from robot_dynamics.newton_euler.attitude import attitudes_of, charted, moved
 from robot_dynamics.newton_euler.closure import LONGEST_STEP, newton
 from robot_dynamics.newton_euler.loops import loop_equations, rows_of_loops
 
@@ -40,8 +41,11 @@ def mobility(robot, S, offset, free):
     """
     looped = [k for k in range(len(free)) if any(row in robot.looped for row in np.flatnonzero(S[:, k]))]
     found = _closed_configurations(robot, S, offset, free, looped)
-    jacobians = [loop_equations(robot, S @ t + offset).jacobian @ S for t in found]
-    ranks = [np.linalg.matrix_rank(J, tol=RANK * np.linalg.norm(J, 2)) for J in jacobians]
+    attitudes = attitudes_of(robot, free)
+    of_rank = [_jacobian(robot, S, offset, t, attitudes) for t in found]
+    ranks = [np.linalg.matrix_rank(J, tol=RANK * np.linalg.norm(J, 2)) for J in of_rank]
+    passive = [k for k in looped if not robot.joints[free[k]].actuated]
+    jacobians = [_jacobian(robot, S, offset, t, _within(attitudes, passive)) for t in found]
     best, refused = [], None
     for t, J, rank in zip(found, jacobians, ranks, strict=True):
         if rank == max(ranks):
@@ -63,6 +67,7 @@ def mobility(robot, S, offset, free):
 
 def _closed_configurations(robot, S, offset, free, looped):
     """Positions t of joints at which the loops are closed: the first from the initial positions, if they lead there."""
+    attitudes = attitudes_of(robot, free)
     unit, slides = robot.characteristic_length, np.array([robot.joints[number].prismatic for number in free])
     reach = np.where(slides, unit, 1.0)
     passive = [k for k in looped if not robot.joints[free[k]].actuated]
@@ -76,7 +81,7 @@ def _closed_configurations(robot, S, offset, free, looped):
             t[looped] = (found[0] if found else start)[looped] + reach[looped] * chance.uniform(
                 -spread, spread, len(looped)
             )
-        (t,), (left,) = closed_by(robot, S, offset, t[None], moving, LONGEST_STEP * reach[moving])
+        (t,), (left,) = closed_by(robot, S, offset, t[None], moving, LONGEST_STEP * reach[moving], attitudes)
         if np.abs(left).max() <= CLOSES:
             found.append(t)
         elif nearest is None or np.abs(left).max() < np.abs(nearest).max():
@@ -88,17 +93,35 @@ def _closed_configurations(robot, S, offset, free, looped):
     return found
 
 
-def closed_by(robot, S, offset, t, moving, longest):
+def closed_by(robot, S, offset, t, moving, longest, attitudes=()):
     """(t (N, m), residual (N, rows)) with the loops closed as far as steps of least length of the joints `moving` do
-    it, from t (N, m), where all others stay. longest: as for `newton`."""
+    it, from t (N, m), where all others stay. longest: as for `newton`; attitudes: of the robot."""
+    attitudes = _within(attitudes, moving)
 
     def evaluate(t):
-        equations = loop_equations(robot, t @ S.T + offset)
+        equations = loop_equations(*charted(robot, t @ S.T + offset, attitudes, offset))
         J = np.nan_to_num((equations.jacobian @ S)[..., moving], posinf=0, neginf=0)
         return equations.residual, -(np.linalg.pinv(J, rcond=RANK) @ equations.residual[..., None])[..., 0]
 
-    t, (residual, _) = newton(evaluate, t, moving, longest)
+    def advance(t, step):
+        way = np.zeros_like(t)
+        way[..., moving] = step
+        there, still = moved(t, way, attitudes), np.setdiff1d(np.arange(t.shape[-1]), moving)
+        there[..., still] = t[..., still]
+        return there
+
+    t, (residual, _) = newton(evaluate, t, moving, longest, advance=advance)
     return t, residual
+
+
+def _jacobian(robot, S, offset, t, attitudes):
+    """The loops' Jacobian (rows, m) at t (m,), in the charts of attitudes."""
+    return loop_equations(*charted(robot, S @ t + offset, attitudes, offset)).jacobian @ S
+
+
+def _within(attitudes, places):
+    """Those of which yaw and roll have places among these."""
+    return tuple(one for one in attitudes if {one.places[0], one.places[2]} <= {*places})
 
 
 def _dependent(robot, free, looped, J, rank):

@@ -111,9 +111,10 @@ class StepIntegrator:
         while done < self._step:
             part = min(part, self._step - done)
             if self._looped:
-                part = self._plant.loops.short_enough(part, coordinates, velocities)
-            change, error, part = self._part(state, done, part, y, size, inputs, coordinates, velocities)
-            shortest, y = min(shortest, part), y + change
+                least = self._step / MOST_PARTS
+                part = self._plant.loops.short_enough(part, least, coordinates, y[6 : 6 + size], velocities)
+            y, error, part = self._part(state, done, part, y, size, inputs, coordinates, velocities)
+            shortest = min(shortest, part)
             done = done + part if done + part < (1 - ROUNDED) * self._step else self._step
             if self._looped:
                 y, coordinates, velocities = self._on_constraints(
@@ -127,12 +128,16 @@ class StepIntegrator:
         return y[:6], y[6 : 6 + size], y[6 + size :], coordinates
 
     def _part(self, state, done, part, y, size, inputs, coordinates, velocities):
-        """(change of y, its relative error, length [s]) of the part of a step that begins `done` [s] after the state,
-        at most as long as `part` [s]. Raises as `step`."""
+        """(y, relative error, length [s]) after the part of a step that begins `done` [s] after the state, at most as
+        long as `part` [s]. Raises as `step`."""
+        loops, joints, steep = self._plant.loops, slice(6, 6 + size), ()
         near = velocities if self._looped and coordinates.quality < NEAR else None
+        if self._looped:
+            steep = loops.steep(y[joints])
+            y = np.concatenate([y[:6], loops.integrated(y[joints], steep), y[6 + size :]])
 
         def derivative(time, y):
-            return self._derivative(time, y, size, state.pose, inputs, coordinates, near)
+            return self._derivative(time, y, size, state.pose, inputs, coordinates, near, steep)
 
         while True:
             self._depths = []
@@ -141,9 +146,13 @@ class StepIntegrator:
             divisible = part / 2 >= self._step / MOST_PARTS
             if error <= TOLERANCE or (error <= TOO_LARGE and not divisible):
                 if part < self._step / MOST_TOUCHING or not self._meets_the_ground():
-                    return change, error, part
+                    end = y + change
+                    if steep:
+                        end[joints] = loops.positions(end[joints], steep)
+                    return end, error, part
             elif not divisible:
-                self._plant.refuse(y[6 : 6 + size], np.concatenate([state.twist, state.velocities]), inputs.efforts)
+                q = loops.positions(y[joints], steep) if self._looped else y[joints]
+                self._plant.refuse(q, np.concatenate([state.twist, state.velocities]), inputs.efforts)
                 raise SimulationError(
                     f"at {state.time:g} s the step is too long: parts of {part:.3g} s, 1/{MOST_PARTS} of it, still are "
                     "for what moves, pushes or vibrates here. Take a shorter step, or a model without such stiff "
@@ -151,12 +160,14 @@ class StepIntegrator:
                 )
             part /= 2
 
-    def _derivative(self, time, y, size, pose, inputs, coordinates, velocities):
+    def _derivative(self, time, y, size, pose, inputs, coordinates, velocities, steep=()):
         """dy/dt of y = [chart of the pose (6,), q (size,), rates (6 + n,)].
 
-        velocities: (all joints,) near singular positions of the loops, else None.
+        velocities: (all joints,) near singular positions of the loops, else None; steep: SteepAttitudes, in the place
+        of which q has rotation vectors.
         """
-        q, rates, R, P, found = y[6 : 6 + size], y[6 + size :], pose[:3, :3], pose[:3, 3], np.zeros(len(y))
+        x, rates, R, P, found = y[6 : 6 + size], y[6 + size :], pose[:3, :3], pose[:3, 3], np.zeros(len(y))
+        q = self._plant.loops.positions(x, steep) if steep else x
         if inputs.motion is not None:
             positions, rates[6:], _ = inputs.motion(time)
             q = self._with_motors_at(q, positions)
@@ -170,9 +181,10 @@ class StepIntegrator:
             return self._accelerations(q, rates, time, R, P, inputs)
 
         if velocities is None:
-            found[6 : 6 + size], found[6 + size :] = model(q, rates)
+            speeds, found[6 + size :] = model(q, rates)
         else:
-            found[6 : 6 + size], found[6 + size :] = self._at_constraints(q, rates, coordinates, velocities, model)
+            speeds, found[6 + size :] = self._at_constraints(q, rates, coordinates, velocities, model)
+        found[6 : 6 + size] = self._plant.loops.derivative(x, q, speeds, steep) if self._looped else speeds
         return found
 
     def _at_constraints(self, q, rates, coordinates, velocities, model):

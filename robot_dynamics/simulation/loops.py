@@ -15,12 +15,15 @@ the branch on both sides of it.
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler import attitude
 from robot_dynamics.newton_euler.closure import CLOSED
 from robot_dynamics.newton_euler.coupling import coupling
 from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.newton_euler.mobility import widest
+from robot_dynamics.simulation.rotation import rotation_vector_rate
 
 NEAR = 1e-2
 """Quality of loops below which each stage of a step is put on the constraints."""
@@ -66,6 +69,22 @@ class LoopCoordinates(NamedTuple):
     independent: tuple[int, ...]
     best: float
     quality: float
+
+
+class SteepAttitude(NamedTuple):
+    """The attitude of a platform as a rotation from where a part of a step begins: near pitch ±90° its angles are no
+    coordinates.
+
+    Attributes
+    ----------
+    joints : list of int
+        Numbers of the joints of yaw, pitch and roll, in the place of which the rotation vector [rad] is integrated.
+    angles : ndarray, shape (3,)
+        Yaw, pitch and roll [rad] where the part begins.
+    """
+
+    joints: list[int]
+    angles: np.ndarray
 
 
 class ConstrainedMotion:
@@ -149,15 +168,16 @@ class ConstrainedMotion:
             closed = interpolate(lambda q: [q], neighbours)[0]
             return closed, self.quality(coordinates, closed)
         closed, quality = self.close(coordinates, q, ROUNDING if coordinates.quality < NEAR else CLOSED)
-        if np.abs((closed - q) / self.unit).max() > ASTRAY:
+        if np.abs(self._between(q, closed) / self.unit[self._coupling.free]).max() > ASTRAY:
             self._refuse(q, "close only beside the branch that the integration leads along")
         return closed, quality
 
-    def short_enough(self, part, coordinates, velocities):
-        """A part of a step [s], halved until no joint of the loops travels too far in it."""
+    def short_enough(self, part, shortest, coordinates, q, velocities):
+        """A part of a step [s], halved until no joint of the loops travels too far in it, down to `shortest` [s]."""
         travel = TRAVEL if coordinates.quality < NEAR else FAR
-        speed = np.abs(velocities / self.unit)[self._looped].max()
-        while part * speed > travel:
+        rates = attitude.chart_rates(q, velocities, *self._charts)
+        speed = np.abs(rates / self.unit)[self._looped].max()
+        while part * speed > travel and part > shortest:
             part /= 2
         return part
 
@@ -187,30 +207,39 @@ class ConstrainedMotion:
         SingularModelError
             The mechanism is at rest, so that nothing determines its branch; or the branch turns or ends here.
         """
-        speed = np.abs(velocities / self.unit)[self._looped].max()
+        rates = attitude.chart_rates(q, velocities, *self._charts)
+        speed = np.abs(rates / self.unit)[self._looped].max()
         if not speed > AT_REST:
             self._refuse(q, "can move on in more than one way from here, and they are at rest: no direction of motion "
                             "determines the branch")  # fmt: skip
         for distance in DISTANCES:
-            sides = [self._side(coordinates, q, sign * distance / speed * velocities) for sign in (1, -1)]
+            sides = [self._side(coordinates, q, sign * distance / speed * rates) for sign in (1, -1)]
             if None not in sides:
                 return [(weight, side[k]) for k, weight in enumerate(WEIGHTS) for side in sides]
         self._refuse(q, "are singular all along the direction of motion, or on a branch that turns sharply")
 
     def _side(self, coordinates, q, stride):
         """Positions on the branch at OFFSETS times the stride (all joints,) from q, None where they are not regular."""
-        placed, before = [q], q - stride
+        placed, way = [q], self._free(stride)
         for _ in OFFSETS:
-            predicted = 2 * placed[-1] - before
+            predicted = self._all(self._moved(self._free(placed[-1]), way))
             try:
                 closed, quality = self.close(coordinates, predicted, ROUNDING)
             except SingularModelError:
                 return None
-            if quality < SINGULAR or np.abs(closed - predicted).max() > BESIDE * np.abs(stride).max():
+            beside = self._between(predicted, closed)
+            if quality < SINGULAR or np.abs(beside).max() > BESIDE * np.abs(stride).max():
                 return None
-            before = placed[-1]
+            way = self._between(placed[-1], closed)
             placed.append(closed)
         return placed[1:]
+
+    def _moved(self, t, way):
+        return attitude.moved(t, way, self._coupling.attitudes)
+
+    def _between(self, begin, end):
+        """The way (m,) of the joints that follow no other one between positions (all joints,)."""
+        return attitude.between(self._free(begin), self._free(end), self._coupling.attitudes)
 
     def _partition(self, independent):
         """(Coupling, function that gives Newton's steps) of independent joints."""
@@ -222,7 +251,56 @@ class ConstrainedMotion:
 
     def at(self, coordinates, q):
         """The Configuration at positions q (all joints,), its independent joints those of the coordinates."""
-        return self._partition(coordinates.independent)[0].at(q)
+        return self._partition(coordinates.independent)[0].at_attitudes(q)
+
+    def joint_velocities(self, q, rates):
+        """Velocities (all joints,) of the joints, from rates (all joints,) in the charts of platforms at q."""
+        return attitude.joint_velocities(q, rates, *self._charts)
+
+    def steep(self, q):
+        """SteepAttitudes of the platforms whose pitch is steep at positions q (all joints,)."""
+        return [
+            SteepAttitude(list(one.joints), self._angles(q, one.joints))
+            for one in self._coupling.attitudes
+            if abs(attitude.sine_cosine(q, one, self._coupling.offset)[1]) < attitude.STEEP
+        ]
+
+    def integrated(self, q, steep):
+        """What is integrated in the place of positions q (all joints,) where a part of a step begins."""
+        if not steep:
+            return q
+        q = q.copy()
+        for one in steep:
+            q[one.joints] = 0.0
+        return q
+
+    def positions(self, x, steep):
+        """Positions (all joints,) from what is integrated."""
+        if not steep:
+            return x
+        q = x.copy()
+        for joints, angles in steep:
+            R = attitude.rotation(angles) @ Rotation.from_rotvec(x[joints]).as_matrix()
+            q[joints] = attitude.angles_near(R, angles) + self._coupling.offset[joints]
+        return q
+
+    def derivative(self, x, q, rates, steep):
+        """dx/dt of what is integrated, at positions q and rates (all joints,) in the charts of platforms."""
+        if not self._coupling.attitudes:
+            return rates
+        found = self.joint_velocities(q, rates)
+        for joints, _ in steep:
+            roll = self._angles(q, joints)[2]
+            omega = attitude.about(0, roll).T @ rates[joints][::-1]  # in the axes of the platform
+            found[joints] = rotation_vector_rate(x[joints], omega)
+        return found
+
+    def _angles(self, q, joints):
+        return q[[*joints]] - self._coupling.offset[[*joints]]
+
+    @property
+    def _charts(self):
+        return self._coupling.attitudes, self._coupling.offset
 
     def _quality(self, independent, q):
         return self.quality(LoopCoordinates(independent, 1.0, 1.0), q)

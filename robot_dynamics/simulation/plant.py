@@ -12,7 +12,6 @@ from scipy.linalg import null_space
 
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import CompilationError, QuestionError
-from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
 from robot_dynamics.question import Base
 from robot_dynamics.simulation.friction import STIFF
@@ -81,10 +80,13 @@ class Plant:
         them. coordinates: the LoopCoordinates in use, with the quality at q; direction: velocities shortly before, for
         singular positions.
         """
+
+        def velocities(q):
+            return [self.loops.joint_velocities(q, self._at_rates(q, rates)[0])]
+
         if coordinates.quality > SINGULAR:
-            return self._at_rates(q, rates)[0]
-        neighbours = self.loops.neighbours(coordinates, q, direction)
-        return interpolate(lambda q: self._at_rates(q, rates), neighbours)[0]
+            return velocities(q)[0]
+        return interpolate(velocities, self.loops.neighbours(coordinates, q, direction))[0]
 
     def _at_rates(self, q, rates):
         """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
@@ -93,7 +95,8 @@ class Plant:
     def accelerations_of_motors(self, q, velocities, rates_derivative):
         """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
         configuration = self.loops.at(self._coordinates, q)
-        everyone = configuration.rates(rates_derivative[6:]) + configuration.drift(velocities)
+        rates = configuration.rates(velocities[self._places])
+        everyone = configuration.rates(rates_derivative[6:]) + configuration.drift(rates)
         return everyone[[*self.loops.motors]]
 
     def listen_to(self, links):
@@ -131,6 +134,7 @@ class Plant:
         """(velocities of the positions q, ν̇ (6 + n,)) where nothing holds a moving base.
 
         q: as programs take it; gravity: (3,) in the base frame; efforts: (n,); wrenches: (6,) for each of `links`.
+        Velocities of a platform's angles are those of the chart of its attitude.
         """
         found, twist = np.zeros(6 + self.size), rates[:6]
         base = () if self.base == "fixed" else (twist, gravity)
@@ -152,21 +156,23 @@ class Plant:
             self.dynamics.direct(q, rates[6:], efforts, **base)
 
     def velocity_matrix(self, q):
-        """G (all joints, n), from the rates of the independent joints to the velocities of all."""
-        if not self._looped:
-            return self._G
-        if self._coordinates.quality > SINGULAR:
-            return self.loops.at(self._coordinates, q).G
+        """G (all joints, n), from the rates of the independent joints to the velocities of all; of a platform's angles
+        in the chart of its attitude."""
+        return self._smooth(lambda q: self.loops.at(self._coordinates, q).G, q) if self._looped else self._G
+
+    def _smooth(self, function, q):
+        """function(q), an array, also at singular positions of loops."""
+        if not self._looped or self._coordinates.quality > SINGULAR:
+            return function(q)
         neighbours = self.loops.neighbours(self._coordinates, q, self._direction)
-        return interpolate(lambda q: [self.loops.at(self._coordinates, q).G], neighbours)[0]
+        return interpolate(lambda q: [function(q)], neighbours)[0]
 
     def inertia_matrix(self, q):
         """A (6 + n, 6 + n), or (n, n) where the base is fixed."""
-        A = self.inertia_of_bodies(q)
         if not self._looped:
-            return A
-        P = projection(self.velocity_matrix(q)[self._body_joints], len(A) - len(self._body_joints))
-        return P.T @ A @ P
+            return self._inertia.evaluate(q)
+        program = self.dynamics.compile("inertia_matrix", independent=self._coordinates.independent)
+        return self._smooth(program.evaluate, q)
 
     def inertia_of_bodies(self, q):
         """A of the robot with its loops open: of the base, where it moves, and of all joints but mimic ones."""
@@ -176,7 +182,7 @@ class Plant:
         """(q, rates (6 + m,)) of the robot with its loops open, as programs of `bodies` take them."""
         if not self._looped:
             return q, rates
-        velocities = self._at_rates(q, rates)[0]
+        velocities = self.loops.joint_velocities(q, self._at_rates(q, rates)[0])
         return np.ascontiguousarray(q[self._body_joints]), np.concatenate([rates[:6], velocities[self._body_joints]])
 
     def rates_of_bodies(self, twist, velocities):

@@ -17,8 +17,10 @@ from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.robot import Link
 
 
-def gathered(robot):
+def gathered(robot, turned=()):
     """The Robot with the same efforts for every motion, and fewer inertial parameters that are not zero.
+
+    turned: numbers of joints whose axes do not stay where they are in the antecedent: only masses pass them.
 
     Its links are no bodies that could exist. Efforts, A, H, the accelerations of the direct model and those of a moving
     base and its wrench are those of the given robot; what joints carry besides their efforts is not.
@@ -28,6 +30,8 @@ def gathered(robot):
     for number in range(len(robot.joints), 0, -1):
         joint = robot.joints[number - 1]
         moved = _symmetric_part(inertias[number]) if not joint.prismatic else _massless_part(inertias[number])
+        if number - 1 in turned:
+            moved = Inertia(moved.mass, 0 * moved.first_moments, 0 * moved.second_moments)
         inertias[number] = _without(inertias[number], moved)
         if joint.prismatic and turned_about[number] is not None:
             inertias[number], first = _slid(inertias[number], turned_about[number])

@@ -13,6 +13,7 @@ import numpy as np
 from robot_dynamics.model.mdh import Row, cosine_sine, placement_of, rows_of
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.newton_euler import composite
+from robot_dynamics.newton_euler.attitude import virtual_links
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
 from robot_dynamics.newton_euler.elastic import spring_force
@@ -38,6 +39,11 @@ ARGUMENTS_OF_BASE = {
     "frames": ("twist",),
 }
 
+# models of which the results do not name rates of yaw, pitch and roll: platforms move in charts of their attitudes
+IN_CHARTS = (
+    *("inverse", "direct", "inertia_matrix", "gravity", "coriolis", "bias", "friction"),
+    *("pose", "frames", "state_derivative"),
+)
 # models that take no matrix of how all joints move with the independent ones, but where these are few
 BY_VECTORS = ("inverse", "gravity", "coriolis", "bias")
 FEW = 2
@@ -84,6 +90,7 @@ def state_derivative_model(robot, *, wrenches=(), independent=None, gather=True)
 
     independent: numbers of the joints that qd and the accelerations belong to; efforts stay those of the independent
     joints of Dynamics. q need not close the loops to rounding: velocities and accelerations are smooth functions of it.
+    Velocities of a platform's yaw, pitch and roll are those of the chart of its attitude, as in newton_euler.attitude.
     """
     model = _Model("state_derivative", robot, ("q", "qd", "efforts"), wrenches, gather=gather, independent=independent)
     motors, efforts = np.zeros(len(robot.joints), dtype=object), model.inputs["efforts"]
@@ -94,9 +101,9 @@ def state_derivative_model(robot, *, wrenches=(), independent=None, gather=True)
     return model.program({"velocities": model.qd, "accelerations": qdd}, base_acceleration)
 
 
-def inertia_matrix_model(robot, *, gather=True):
-    """q -> A (m, m), as Dynamics.inertia_matrix."""
-    model = _Model("inertia_matrix", robot, ("q",), gather=gather)
+def inertia_matrix_model(robot, *, independent=None, gather=True):
+    """q -> A (m, m), as Dynamics.inertia_matrix; of the joints `independent` (numbers), if given."""
+    model = _Model("inertia_matrix", robot, ("q",), gather=gather, independent=independent)
     P = model.projection
     return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.robot, model.q) @ P})
 
@@ -140,7 +147,7 @@ def closure_model(robot, *, independent=None):
     are; None: those of Dynamics."""
     trace, chosen = Trace(), _coupling(robot, independent)
     prepared_robot, shifts = prepared(robot, gather=False)
-    chosen = replace(chosen, robot=prepared_robot, offset=chosen.offset + shifts).oriented()
+    chosen = chosen.seen_in(prepared_robot, shifts).oriented()
     names = ("residual", "step", "pivots", "lengths", "placing")
     results = dict(zip(names, chosen.step(trace.input("q", len(chosen.free))), strict=True))
     return program_of(trace, "closure", {"q": len(chosen.free)}, results)
@@ -148,7 +155,7 @@ def closure_model(robot, *, independent=None):
 
 def pose_model(robot, frame):
     """q -> pose (4, 4) of a named frame in frame 0."""
-    model = _Model("pose", robot, ("q",), gather=False)
+    model = _Model("pose", robot, ("q",), gather=False, frames=(frame,))
     placed = model.robot.frame(frame)
     R, P = link_placements(model.robot, model.q)[placed.link]
     pose = np.zeros((4, 4), dtype=object)
@@ -159,7 +166,7 @@ def pose_model(robot, frame):
 def frames_model(robot, frames):
     """q, qd (and the twist (6,) of a moving base) -> rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) of the
     origins of named frames, all in frame 0."""
-    model = _Model("frames", robot, ("q", "qd"), gather=False)
+    model = _Model("frames", robot, ("q", "qd"), gather=False, frames=frames)
     placements = link_placements(model.robot, model.q)
     twists = sweep_forward(model.robot, model.q, model.qd, model.twist, {}).velocities
     rotations, positions, velocities = [], [], []
@@ -175,17 +182,21 @@ def frames_model(robot, frames):
 class _Model:
     """A robot and a Trace of which the arguments are recorded: what the functions above put together."""
 
-    def __init__(self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True, independent=None):
+    def __init__(
+        self, name, robot, arguments, wrenches=(), told=False, gather=True, prepare=True, frames=(), independent=None
+    ):
         self.name, self.trace = name, Trace()
         self.coupling = _coupling(robot, independent)
         independent = self.coupling.independent
         self.size = len(independent)
         self.undriven = tuple(k for k, number in enumerate(independent) if not robot.joints[number].actuated)
         self.inputs = {key: self.trace.input(key, self.size) for key in arguments}
-        self.robot, shifts = prepared(robot, gather) if prepare else (robot, np.zeros(len(robot.joints)))
+        named = {robot.frame(frame).link for frame in (*wrenches, *frames)}
+        self._in_charts = name in IN_CHARTS and not virtual_links(robot) & named
+        turned = [one.joints[0] for one in self.coupling.attitudes] if self._in_charts else ()
+        self.robot, shifts = prepared(robot, gather, turned) if prepare else (robot, np.zeros(len(robot.joints)))
         plain_q = self._positions(len(robot.joints))
-        self.q = plain_q + shifts
-        self._move()
+        self._move(plain_q + shifts, shifts)
         self._base(ARGUMENTS_OF_BASE.get(name, ()) if robot.moving_base else (), told)
         self.wrenches = self._wrenches(wrenches)
         self.lost_everywhere = np.zeros(len(robot.joints), dtype=int)
@@ -201,11 +212,13 @@ class _Model:
             return self.inputs["q"]
         return self.inputs["q"] @ self.coupling.S.T + self.coupling.offset
 
-    def _move(self):
-        """Velocities of all joints, and what leads to their accelerations."""
+    def _move(self, q, shifts):
+        """Positions and velocities of all joints, and what leads to their accelerations."""
         solves = self.undriven or self.robot.moving_base
         formed = self.size <= FEW or self.name not in BY_VECTORS or (self.name == "inverse" and solves)
-        self.configuration = self.coupling.seen_in(self.robot).at(self.q, bool(formed))
+        seen = self.coupling.seen_in(self.robot, shifts)
+        self.configuration = seen.at_attitudes(q, bool(formed)) if self._in_charts else seen.at(q, bool(formed))
+        self.robot, self.q = self.configuration.robot, self.configuration.local
         self.qd, self.turning = np.zeros(len(self.robot.joints), dtype=int), None
         if "qd" in self.inputs:
             self.qd = self.configuration.rates(self.inputs["qd"])
@@ -288,15 +301,16 @@ def _coupling(robot, independent):
     return coupling(robot) if independent is None else coupling(robot).with_independent(independent)
 
 
-def prepared(robot, gather=True):
+def prepared(robot, gather=True, turned=()):
     """(robot, shifts): the same robot as the recursions make the smallest program of, at positions q + shifts.
+    turned: as for `base_parameters.gathered`.
 
     Frames with the fewest numbers; constant angles about z_j added to the joint's own, but for right angles, whose
     sines and cosines are known; base inertial parameters, where `gather`.
     """
     robot = minimal_frames(replace(robot, platforms=()))  # to the recursions these are links as others
     if gather:
-        robot = gathered(robot)
+        robot = gathered(robot, turned)
     shifts, joints = np.zeros(len(robot.joints)), []
     for number, joint in enumerate(robot.joints):
         theta = rows_of(joint.placement)[-1].theta

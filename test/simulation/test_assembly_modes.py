@@ -192,3 +192,17 @@ def test_accelerations_at_other_coordinates_are_those_of_the_direct_model():
     _, joints = simulation.accelerations(efforts=efforts)
     expected = Dynamics(robot).direct(state.joint_positions, state.velocities, efforts)
     np.testing.assert_allclose(joints, expected, rtol=1e-9, atol=1e-7)
+
+
+def test_a_platform_tumbles_through_pitch_90_degrees():
+    """Its yaw and roll have no rates there; the motors' legs meet singular positions on the way too."""
+    robot = replace(frictionless("gough_stewart"), gravity=np.zeros(3))
+    simulation = Simulation(robot)
+    platform, dynamics = list(robot.platforms[0].joints), simulation.dynamics
+    G = dynamics.expand_rates(np.eye(6), dynamics.closed_positions).T
+    simulation.start(velocities=np.linalg.solve(G[platform], [0, 0, 0.2, 0, 6.0, 0.6]))  # x, y, z, yaw, pitch, roll
+    steepest = []
+    keeps_energy(simulation, 0.7, lambda state: steepest.append(abs(state.joint_positions[platform[4]])))
+    assert max(steepest) > np.radians(80)
+    axis = np.cos(simulation.state.joint_positions[platform[3]])
+    assert axis < 0  # it has tumbled over: yaw and roll have jumped by nearly half a turn

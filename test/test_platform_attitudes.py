@@ -1,0 +1,159 @@
+"""Platforms at every attitude, through pitch ±90° of their coordinates: the same robot, of which the pose is told in
+frames in which pitch is far from there, has the same motors, efforts and accelerations."""
+
+import numpy as np
+import pytest
+from peers.maximal_coordinates import MaximalCoordinates
+from peers.random_platforms import random_platform
+from peers.reframed import pose_between, reframed, screw_of
+from scipy.spatial.transform import Rotation
+
+from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.model.placement import placement
+from robot_dynamics.platform import pose_of
+
+ALL = ("x", "y", "z", "yaw", "pitch", "roll")
+SIZES = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.05, 1.0)  # of how far from home, where pitch is 90°
+
+
+def turn(axis, degrees):
+    return placement(Rotation.from_euler(axis, degrees, degrees=True).as_matrix())
+
+
+NOTHING = np.eye(4)
+# robot, the frame in which the pose is told, the platform's own frame, and free coordinates there
+CASES = {
+    "6-UPS up": (lambda: random_platform("6-UPS", 0), NOTHING, turn("y", 90), ALL),
+    "6-UPS down": (lambda: random_platform("6-UPS", 1), NOTHING, turn("y", -90) @ turn("x", 40), ALL),
+    "6-UPS turned stand": (lambda: random_platform("6-UPS", 2), turn("z", 20) @ turn("y", -50),
+                           turn("z", 20) @ turn("y", 40) @ turn("x", -30), ALL),
+    "gough_stewart": (lambda: load_robot("gough_stewart"), NOTHING, turn("y", 90), ALL),
+    "delta": (lambda: load_robot("delta"), NOTHING, turn("y", 90), ("x", "y", "z")),
+    "delta_wrist": (lambda: load_robot("delta_wrist"), NOTHING, turn("y", -90), ("x", "y", "z")),
+    "orthoglide": (lambda: load_robot("orthoglide"), NOTHING, turn("z", 30) @ turn("y", 90), ("x", "y", "z")),
+    "3-UPU": (lambda: random_platform("3-UPU", 2), NOTHING, turn("y", 90), ("x", "y", "z")),
+    "navaro in a plane through z": (lambda: load_robot("navaro"), turn("x", 90), turn("x", 90) @ turn("y", 90),
+                                    ("x", "z", "pitch")),
+    "3-RPS": (lambda: random_platform("3-RPS", 2), turn("y", -60), turn("y", 30), ("x", "pitch", "roll")),
+    "3-PRS": (lambda: random_platform("3-PRS", 2), NOTHING, turn("y", 90), None),
+}  # fmt: skip
+
+
+class Pair:
+    """old, new: Dynamics of the robot as it is and with the new frames; q: (N, n) positions of the motors around home,
+    where pitch of the new one is ±90°, ever nearer; old_q, new_q: (N, all joints)."""
+
+    def __init__(self, case, count=4):
+        make, self.stand, self.own, self.free = CASES[case]
+        robot = make()
+        self.old = Dynamics(robot, compiled=False)
+        self.new = Dynamics(reframed(robot, self.stand, self.own, self.free or ALL), compiled=False)
+        rng = np.random.default_rng(5)
+        self.n, self.m = ([d.robot.joint_numbers[name] for name in self.old.joint_names] for d in (self.old, self.new))
+        home = self.old.closed_positions[self.n]
+        reach = np.where([self.old.robot.joints[k].prismatic for k in self.n], 0.04, 0.1)
+        steps = [size * reach * rng.uniform(-1, 1, (count, len(home))) for size in SIZES]
+        self.q = home + np.concatenate(steps)
+        self.old_q, self.new_q = self.old.expand(self.q), self.new.expand(self.q)
+        self.qd, self.qdd = rng.uniform(-1, 1, (2, *self.q.shape))
+
+    def legs(self, everyone, of):
+        """The columns of all joints but those of the platform, in the order of the old robot."""
+        names = [name for k, name in enumerate(self.old.all_joint_names) if k not in self.old.robot.platform.joints]
+        return everyone[..., [of.robot.joint_numbers[name] for name in names]]
+
+
+@pytest.fixture(scope="module", params=CASES)
+def pair(request):
+    return Pair(request.param)
+
+
+def near(found, expected, tolerance=1e-9):
+    scale = max(1.0, np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
+
+
+def test_direct_geometry(pair):
+    assert np.abs(np.abs(np.sin(pair.new.closed_positions[pair.new.robot.platform.joints[4]])) - 1) < 1e-9
+    near(pair.legs(pair.new_q, pair.new), pair.legs(pair.old_q, pair.old))
+    old = pair.old.link_pose(pair.old.robot.platform_links[0], pair.old_q)
+    new = pair.new.link_pose(pair.new.robot.platform_links[0], pair.new_q)
+    near(new, old @ pair.own)
+    near(pose_of(pair.new_q[:, pair.new.robot.platform.joints]), pose_between(old, pair.stand, pair.own))
+    near(pair.new.expand(pair.new_q), pair.new_q)  # as a seed
+
+
+def test_follow_passes(pair):
+    home = pair.old.closed_positions[pair.n]
+    for q in pair.q[-4:]:
+        way = home + np.linspace(-1, 1, 41)[:, None] * (q - home)
+        old, new = pair.old.follow(way), pair.new.follow(way)
+        near(pair.legs(new, pair.new), pair.legs(old, pair.old))
+        assert np.abs(np.diff(pair.legs(new, pair.new), axis=0)).max() < 0.2
+
+
+def test_both_models(pair):
+    old = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
+    new = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
+    near(new.efforts, old)
+    near(pair.legs(new.motion.velocities, pair.new), pair.legs(pair.old.expand_rates(pair.qd, pair.old_q), pair.old))
+    everyone = pair.old.expand_accelerations(pair.qdd, pair.old_q, pair.qd)
+    near(pair.legs(new.motion.accelerations, pair.new), pair.legs(everyone, pair.old))
+    near(pair.new.direct(pair.new_q, pair.qd, old), pair.qdd, 1e-7)
+    near(pair.new.inertia_matrix(pair.new_q), pair.old.inertia_matrix(pair.old_q))
+    near(pair.new.gravity(pair.new_q), pair.old.gravity(pair.old_q))
+    near(pair.new.coriolis(pair.new_q, pair.qd), pair.old.coriolis(pair.old_q, pair.qd))
+    wrench = {pair.old.robot.platform_links[0]: np.array([1.0, 2, 3, 0.4, 0.5, 0.6])}
+    turned = {pair.old.robot.platform_links[0]: screw_of(np.array([1.0, 2, 3, 0.4, 0.5, 0.6]), pair.own)}
+    loaded = pair.new.solve(pair.new_q, pair.qd, efforts=old, external_wrenches=turned)
+    near(loaded.accelerations, pair.old.direct(pair.old_q, pair.qd, old, external_wrenches=wrench), 1e-7)
+
+
+def test_compiled_models(pair):
+    programs = {name: pair.new.compile(name) for name in ("inverse", "direct")}
+    efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
+    near(programs["inverse"].batch(pair.new_q, pair.qd, pair.qdd), efforts)
+    near(programs["direct"].batch(pair.new_q, pair.qd, efforts), pair.qdd, 1e-7)
+
+
+def test_efforts_are_those_of_maximal_coordinates(pair):
+    peer, link = MaximalCoordinates(pair.old.robot), pair.old.robot.platform_links[0]
+    for k in range(0, len(pair.q), 4):
+        told = np.full(len(pair.old_q[k]), np.nan)
+        told[pair.n] = pair.qdd[k]
+        expected = peer.inverse(pair.old_q[k], pair.old.expand_rates(pair.qd[k], pair.old_q[k]), told)
+        answer = pair.new.solve(pair.new_q[k], pair.qd[k], qdd=pair.qdd[k])
+        near(answer.efforts, expected.efforts[pair.n], 1e-8)
+    assert link in pair.new.robot.platform_links
+
+
+def platform_of(pair):
+    if pair.free is None:
+        pytest.skip("no three of these coordinates say where the legs are")
+    return pair.old.platform, pair.new.platform
+
+
+def test_platform(pair):
+    """Inverse geometry, Jacobian, both models, and the twist and acceleration of a motion."""
+    old, new = platform_of(pair)
+    poses = pair.old.platform.pose(pair.old_q)
+    told = pose_between(poses, pair.stand, pair.own)
+    near(new.pose(pair.new_q), told)
+    near(new.jacobian(pair.new_q), np.swapaxes(screw_of(np.swapaxes(old.jacobian(pair.old_q), 1, 2), pair.own), 1, 2))
+    at = {"others": None}
+    if new.other_joint_names:
+        at["others"] = [values[:, [pair.new.joint_names.index(name) for name in new.other_joint_names]]
+                        for values in (pair.q, pair.qd, pair.qdd)]  # fmt: skip
+    for joints in (new.joints(told, seed=pair.new_q), new.joints(told, **at)):
+        near(pair.legs(joints, pair.new), pair.legs(pair.old_q, pair.old))
+        near(pose_of(joints[:, pair.new.robot.platform.joints]), told)
+    motion = pair.old.solve(pair.old_q, pair.qd, qdd=pair.qdd).motion
+    twist, acceleration = screw_of(old.twist(motion), pair.own), screw_of(old.acceleration(motion), pair.own)
+    answer = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
+    near(new.twist(answer.motion), twist)
+    near(new.acceleration(answer.motion), acceleration)
+    efforts = new.inverse(told, twist, acceleration, seed=pair.new_q, **at)
+    near(efforts, answer.efforts)
+    near(new.direct(told, twist, efforts, seed=pair.new_q, **at), acceleration, 1e-7)
+    assert new.reach(told)[1].all()
+    assert np.isfinite(new.condition(pair.new_q)).all()
