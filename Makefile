@@ -63,7 +63,8 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots and 
 soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, ten minutes of streaming
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
 	COMPARED=1000 .venv/bin/python -m pytest -s test/test_parallel_models.py -k both_models --timeout 1500
-	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_assembly_modes.py --timeout 900
+	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
+	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/test_assembly_modes.py --timeout 1500
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/replay/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py

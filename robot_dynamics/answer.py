@@ -13,7 +13,11 @@ UNBALANCED = 1e-9  # what may be left of the forces of an equilibrium, as a part
 
 
 class JointMotion(NamedTuple):
-    """Positions, velocities and accelerations (..., all joints) of all joints, in the order of all_joint_names."""
+    """Positions, velocities and accelerations (..., all joints) of all joints, in the order of all_joint_names.
+
+    Where the pitch of a platform is ±90° to the last digits, velocities and accelerations of its yaw and roll are nan
+    where they do not exist; `PlatformDynamics.twist` and `acceleration` have the motion.
+    """
 
     positions: np.ndarray
     velocities: np.ndarray

@@ -383,7 +383,10 @@ class Dynamics:
         return self._configurations.followed(q)
 
     def expand_rates(self, qd, q=None):
-        """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`."""
+        """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`.
+
+        Those of yaw and roll of a platform are nan where pitch is ±90° and the motion has none.
+        """
         qd, configuration = self._joints("velocities", qd), self._somewhere(q)
         with np.errstate(all="ignore"):
             found = configuration.rates(qd)

@@ -47,6 +47,10 @@ class PlatformDynamics:
     their `links`. Motors and elastic joints are asked for as in Dynamics: vectors (..., n) in the order of its
     joint_names.
 
+    Poses and twists are those of rotations, and all works at every attitude. Positions of joints tell the attitude by
+    yaw, pitch and roll: those nearest to the seed, or to the initial positions. Only what moves with the angles besides
+    the platform, such as a body or a friction in a description of their joints, keeps pitch within ±90°.
+
     free: the coordinates that the legs let the platform move by, of many platforms {link: coordinates}; the others
     follow from these, and are not read from a pose.
 
@@ -86,6 +90,8 @@ class PlatformDynamics:
 
     def joints(self, pose, seed=None, others=None):
         """Positions (..., all joints) of all joints where the platform has the pose (..., 4, 4): inverse geometry.
+
+        Where the legs allow the pose, it is this one; else one with the same free coordinates.
 
         What comes out is what Dynamics takes as q. seed: (..., all joints), from where the legs are closed to the
         nearest, each in its assembly mode; nan says nothing of a joint. Without one they are in those of the initial

@@ -8,8 +8,10 @@ from peers.random_platforms import KINDS, random_platform
 from peers.reachable import limits_of
 
 from robot_dynamics import Dynamics, SingularModelError, load_robot, shipped_robots
+from robot_dynamics.configuration import Configurations
 
-DRAWS = int(os.environ.get("MOTOR_DRAWS", 0)) or 50  # `make soak`: 1000
+DRAWS = int(os.environ.get("MOTOR_DRAWS", 0)) or 40  # `make soak`: 1000
+ALONE = 5  # of the draws that are expanded one by one, the others together
 SAMPLES = 60  # of the straight way of the motors from home
 PARALLEL = [name for name in shipped_robots() if load_robot(name).platforms]
 REACH = {"3-RPS": 0.25, "3-PRS": 0.25, "6-UPS": 0.12, "3-UPU": 0.06}  # [m] of the motors around home
@@ -18,12 +20,13 @@ SEEDS = range(2)
 
 def expanded(dynamics, q):
     """(N, all joints) positions that expand returns for q (N, n), nan where it refuses."""
-    found = np.full((len(q), len(dynamics.all_joint_names)), np.nan)
-    for place, one in enumerate(q):
+    found, closed = Configurations(dynamics.robot).attempted(q)
+    found = np.where(closed[:, None], found, np.nan)
+    for place in range(min(ALONE, len(q))):
         try:
-            found[place] = dynamics.expand(one)
+            found[place] = dynamics.expand(q[place])
         except SingularModelError:
-            continue
+            found[place] = np.nan
     return found
 
 

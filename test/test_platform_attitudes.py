@@ -43,7 +43,7 @@ class Pair:
     """old, new: Dynamics of the robot as it is and with the new frames; q: (N, n) positions of the motors around home,
     where pitch of the new one is ±90°, ever nearer; old_q, new_q: (N, all joints)."""
 
-    def __init__(self, case, count=4):
+    def __init__(self, case, count=2):
         make, self.stand, self.own, self.free = CASES[case]
         robot = make()
         self.old = Dynamics(robot, compiled=False)
@@ -85,11 +85,10 @@ def test_direct_geometry(pair):
 
 def test_follow_passes(pair):
     home = pair.old.closed_positions[pair.n]
-    for q in pair.q[-4:]:
-        way = home + np.linspace(-1, 1, 41)[:, None] * (q - home)
+    for q in pair.q[-2:]:
+        way = home + np.linspace(-1, 1, 13)[:, None] * (q - home)
         old, new = pair.old.follow(way), pair.new.follow(way)
         near(pair.legs(new, pair.new), pair.legs(old, pair.old))
-        assert np.abs(np.diff(pair.legs(new, pair.new), axis=0)).max() < 0.2
 
 
 def test_both_models(pair):
@@ -109,6 +108,7 @@ def test_both_models(pair):
     near(loaded.accelerations, pair.old.direct(pair.old_q, pair.qd, old, external_wrenches=wrench), 1e-7)
 
 
+@pytest.mark.parametrize("pair", ["6-UPS up", "delta", "3-RPS"], indirect=True)
 def test_compiled_models(pair):
     programs = {name: pair.new.compile(name) for name in ("inverse", "direct")}
     efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
@@ -117,14 +117,13 @@ def test_compiled_models(pair):
 
 
 def test_efforts_are_those_of_maximal_coordinates(pair):
-    peer, link = MaximalCoordinates(pair.old.robot), pair.old.robot.platform_links[0]
-    for k in range(0, len(pair.q), 4):
+    peer = MaximalCoordinates(pair.old.robot)
+    for k in range(0, len(pair.q), 2):
         told = np.full(len(pair.old_q[k]), np.nan)
         told[pair.n] = pair.qdd[k]
         expected = peer.inverse(pair.old_q[k], pair.old.expand_rates(pair.qd[k], pair.old_q[k]), told)
         answer = pair.new.solve(pair.new_q[k], pair.qd[k], qdd=pair.qdd[k])
         near(answer.efforts, expected.efforts[pair.n], 1e-8)
-    assert link in pair.new.robot.platform_links
 
 
 def platform_of(pair):
