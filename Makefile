@@ -66,6 +66,7 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
 	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/test_assembly_modes.py --timeout 1500
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
+	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/replay/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_closed_loop.py

@@ -5,12 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler.closed_walk import closed_manifold
+from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.question import Base
 
-ATTEMPTS = 50  # random positions for each one at which loops close
 REACH = np.pi, 1.0  # [rad], [m] to both sides of the initial position of a joint without limits
-STRIDE = 0.2  # [rad or characteristic lengths] from one closed configuration to the next
+FASTEST = 3.0  # [rad or characteristic lengths, per second and per second²]
+PLACED = 0.03  # of the largest singular value of what the independent joints place: less is near a dead point
 
 
 class Motions(NamedTuple):
@@ -22,38 +23,65 @@ class Motions(NamedTuple):
     base: Base | None
 
 
+class LoopMotions(NamedTuple):
+    """Samples q, qd, qdd (N, all joints) that keep the loops closed; directions: (N, all joints, n) of independent
+    motions; base: a Base or None."""
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    directions: np.ndarray
+    base: Base | None
+
+
 def random_motions(dynamics, samples, seed=0):
     """Motions within joint limits, rates and accelerations up to 3 [per second, per second²]. The same for a seed.
 
-    Raises SingularModelError where the loops close at hardly any of such positions.
+    With loops, of the whole range that they reach from the initial positions without passing a position at which their
+    mobility changes, but near dead points of the independent joints.
     """
     chance = np.random.default_rng(seed)
     robot, n = dynamics.robot, len(dynamics.joint_names)
-    joints = [robot.joints[robot.joint_numbers[name]] for name in dynamics.joint_names]
-    bounds = np.array([position_bounds(joint) for joint in joints]).reshape(-1, 2)
-    q = _walk(dynamics, bounds, samples, chance) if robot.loops else chance.uniform(*bounds.T, (samples, n))
-    qd, qdd = chance.uniform(-3, 3, (2, samples, n))
+    if robot.loops:
+        manifold = closed_manifold(robot)
+        q = _well_placed(manifold, chance, samples)
+    else:
+        joints = [robot.joints[robot.joint_numbers[name]] for name in dynamics.joint_names]
+        q = chance.uniform(*np.array([position_bounds(joint) for joint in joints]).reshape(-1, 2).T, (samples, n))
+    qd, qdd = chance.uniform(-FASTEST, FASTEST, (2, samples, n))
     return Motions(q, qd, qdd, _base(chance, samples) if robot.moving_base else None)
 
 
-def _walk(dynamics, bounds, samples, chance):
-    """(samples, all joints): random positions that close the loops, each one a stride from the one before it."""
-    joints = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
-    here = dynamics.closed_positions
-    stride = STRIDE * np.where([dynamics.robot.joints[number].prismatic for number in joints],
-                               dynamics.robot.characteristic_length, 1.0)  # fmt: skip
-    found, refused = [], None
-    for _ in range(ATTEMPTS * samples):
-        there = here.copy()
-        there[joints] = np.clip(chance.uniform(*bounds.T), here[joints] - stride, here[joints] + stride)
-        try:
-            here = dynamics.expand(there)
-            found.append(here)
-        except SingularModelError as error:
-            refused = error
-        if len(found) == samples:
-            return np.array(found)
-    raise SingularModelError(f"hardly any random positions within the joint limits close the loops: {refused}")
+def loop_motions(robot, samples, seed=0):
+    """LoopMotions of a robot with loops, of the whole range that they reach as for `random_motions`, dead points of
+    motors and their neighbourhood too: rates are those along the manifold of closed positions, up to 3 [rad or
+    characteristic lengths, per second and per second²]."""
+    chance, manifold = np.random.default_rng(seed), closed_manifold(robot)
+    S, reach = manifold.coupling.S, manifold.reach
+    t = _spread(manifold.walks(chance), samples)
+    tangent, q = manifold.tangent(t), manifold.positions(t)
+    directions = reach[:, None] * tangent.basis
+    rates = chance.uniform(-FASTEST, FASTEST, (2, samples, directions.shape[2], 1))
+    qd = (directions @ rates[0])[..., 0] @ S.T
+    drift = loop_equations(robot, q, qd).drift
+    turning = reach * (tangent.inverse @ drift[..., None])[..., 0]
+    qdd = ((directions @ rates[1])[..., 0] - turning) @ S.T
+    return LoopMotions(q, qd, qdd, S @ directions, _base(chance, samples) if robot.moving_base else None)
+
+
+def _well_placed(manifold, chance, samples):
+    """(samples, all joints) positions at which the independent joints place the others well."""
+    placed, t = manifold.coupling.placed, manifold.walks(chance)
+    J = loop_equations(manifold.coupling.robot, manifold.positions(t)).jacobian @ manifold.coupling.S * manifold.reach
+    s = np.linalg.svd(J[..., placed], compute_uv=False)
+    quality = s[:, -1] / s[:, 0]
+    good = quality > min(PLACED, np.median(quality))
+    return manifold.positions(_spread(t[good], samples))
+
+
+def _spread(states, samples):
+    """So many of the states (N, m), evenly from the first to the last."""
+    return states[np.linspace(0, len(states) - 1, samples).round().astype(int)]
 
 
 def position_bounds(joint):

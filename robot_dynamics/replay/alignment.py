@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.replay.signals import on_grid
+from robot_dynamics.replay.signals import LEAST_OF_SPLINE, on_grid
 from robot_dynamics.replay.tally import Tally
 
 CHUNK = 20_000  # messages that are put on the grid at once
@@ -18,6 +18,10 @@ LEAP = 10.0  # [s] ahead of the time of recording that is another clock
 GAP = 5.5  # steps of the grid, or of a slower topic, without a sample that are a gap
 CARRIED = 8  # samples kept for the interpolation of what follows
 LEAST_SAMPLES = 8  # to tell the rate from
+STEPS = 1000  # the latest ones of a topic, of which one is typical
+UNEVEN = 2.0  # median steps in a mean one, beyond which stamps come in bursts and the mean is the step
+LEAST_UNEVEN = 50  # samples to tell that from
+CLOSE = 0.3  # of a step: two samples closer to each other would give a spline the slope of their noise
 MOST_KNOWN = 1000  # sorts of messages that are remembered
 
 
@@ -79,7 +83,9 @@ class Assembly:
         self._clock = Clock(tally)
         self._rows, self._count = {}, 0  # {joints: [(time, position, velocity, effort)]}
         self._end = None  # time of the last sample on the grid
-        self._counted = -np.inf  # time up to which gaps are in the tally
+        self._short_end = -np.inf  # end of the last piece that was left out
+        self._counted, self._seen = {}, {}  # {joints: time up to which gaps are in the tally, and steps known}
+        self._steps = {}  # {joints: the latest steps (N,) [s] of their samples}
         self.finished = []
 
     def feed(self, sample):
@@ -150,22 +156,47 @@ class Assembly:
             raise RecordingError(
                 f"joints missing: {', '.join(missing)}. Positions of all joints are needed, recorded are: {recorded}"
             )
-        bands = self._bands()
-        without_any = not final and any(len(times) == 0 for _, times, *_ in bands)
-        if without_any or (self.step is None and not self._measure_step(bands, final)):
-            self._keep(bands, -np.inf)
-            return []
-        common = _intersected([self._intervals(times) for _, times, *_ in bands])
-        if not final:
-            limit = min(times[-1] for _, times, *_ in bands)
-            common = [(start, min(end, limit)) for start, end in common if start < limit]
-        stretches = [stretch for start, end in common if (stretch := self._stretch(bands, start, end)) is not None]
+        try:
+            stretches, bands, limit = self._gridded(self._bands(), final)
+        except Exception:
+            self._forget()  # else the same rows would raise it again with each drain
+            raise
         self.tally.samples += sum(map(len, stretches))
         if final:
             self._forget()
         else:
-            self._keep(bands, min(times[-1] for _, times, *_ in bands))
+            self._keep(bands, limit)
         return stretches
+
+    def _gridded(self, bands, final):
+        """(the Stretches of bands, the bands, time up to which they are on the grid or left out)."""
+        without_any = not final and any(len(times) == 0 for _, times, *_ in bands)
+        if without_any or (self.step is None and not self._measure_step(bands, final)):
+            return [], bands, -np.inf
+        bands = [self._thinned(*band) for band in bands]
+        limit = np.inf if final else min(times[-1] for _, times, *_ in bands)
+        stretches, waiting = self._stretches(bands, limit)
+        return stretches, bands, min(limit, waiting)
+
+    def _stretches(self, bands, limit):
+        """(the Stretches up to a time, beginning of a piece that has too few samples and may go on, inf if none does).
+
+        A piece between two gaps that has too few samples for a spline is left out, and counted.
+        """
+        stretches, waiting = [], np.inf
+        for start, end in _intersected([self._intervals(joints, times) for joints, times, *_ in bands]):
+            done = self._short_end if self._end is None else max(self._short_end, self._end + 0.5 * self.step)
+            if start > limit or end <= done:
+                continue
+            if all(len(range(*self._near(joints, times, start, min(end, limit)))) >= LEAST_OF_SPLINE
+                   for joints, times, *_ in bands):  # fmt: skip
+                stretches.append(self._stretch(bands, start, min(end, limit)))
+            elif end >= limit:
+                waiting = start
+            else:
+                self.tally.counts["short"] += self._size(start, end)
+                self._short_end = end
+        return [stretch for stretch in stretches if stretch is not None], waiting
 
     def _bands(self):
         """[(joints, times, position, velocity, effort)] of joints that are told together, in the order of time."""
@@ -174,7 +205,7 @@ class Assembly:
         for place, keys in partial.items():
             if keys:
                 sets.setdefault(tuple(keys), []).append(place)
-        return [self._band(keys, joints) for keys, joints in sets.items()]
+        return [self._band(keys, tuple(joints)) for keys, joints in sets.items()]
 
     def _band(self, keys, joints):
         parts = []
@@ -201,9 +232,31 @@ class Assembly:
         good = finite & ~late
         return joints, times[good], position[good], velocity[good], effort[good]
 
+    def _thinned(self, joints, times, *fields):
+        """A band without samples that are much closer to the one before than its samples are on the whole."""
+        self._note_steps(joints, times)
+        if len(times) < 2 or np.diff(times).min() >= (least := CLOSE * self._typical(joints)):
+            return joints, times, *fields
+        kept, latest = np.zeros(len(times), dtype=bool), -np.inf
+        for row, time in enumerate(times):
+            if time - latest >= least:
+                kept[row], latest = True, time
+        self.tally.counts["close"] += int((~kept).sum())
+        return joints, times[kept], *(field[kept] for field in fields)
+
+    def _note_steps(self, joints, times):
+        """Put the steps of a band that are new to those before them."""
+        latest, known = self._seen.get(joints, -np.inf), self._steps.get(joints, np.zeros(0))
+        if len(times) and times[-1] > latest:
+            new = times[max(0, np.searchsorted(times, latest, side="right") - 1) :]
+            self._steps[joints] = np.concatenate([known, np.diff(new)])[-STEPS:]
+            self._seen[joints] = times[-1]
+
     def _measure_step(self, bands, final):
-        fastest = min((np.median(np.diff(times)) for _, times, *_ in bands if len(times) >= LEAST_SAMPLES),
-                      default=None)  # fmt: skip
+        steps = [np.diff(times) for _, times, *_ in bands if len(times) >= LEAST_SAMPLES]
+        if not final and any(len(each) < LEAST_UNEVEN and np.mean(each) > UNEVEN * np.median(each) for each in steps):
+            return False  # gaps or bursts: more samples will show which
+        fastest = min(map(typical_step, steps), default=None)
         if fastest is None and final:
             most = max((len(times) for _, times, *_ in bands), default=0)
             self._forget()
@@ -212,29 +265,50 @@ class Assembly:
         self.step = fastest
         return fastest is not None
 
-    def _intervals(self, times):
+    def _intervals(self, joints, times):
         """(start, end) of the pieces between gaps."""
         if len(times) < 2:
-            return []
-        cuts = np.flatnonzero(np.diff(times) > GAP * self._step_of(times))
-        self.tally.counts["gaps"] += int((times[cuts + 1] > self._counted).sum())
+            return [(times[0], times[0])] if len(times) else []
+        cuts = np.flatnonzero(np.diff(times) > self._gap(joints))
+        self.tally.counts["gaps"] += int((times[cuts + 1] > self._counted.get(joints, -np.inf)).sum())
+        self._counted[joints] = times[-1]
         return list(zip(times[[0, *(cuts + 1)]], times[[*cuts, -1]], strict=True))
 
-    def _step_of(self, times):
-        """The step [s] of the grid, or that of times (M,) of a topic that is slower."""
-        return max(self.step, float(np.median(np.diff(times)))) if len(times) >= LEAST_SAMPLES else self.step
+    def _near(self, joints, times, start, end):
+        """(first, behind the last) of the samples that a spline from start to end takes: none beyond a gap."""
+        first = max(0, np.searchsorted(times, start) - CARRIED)
+        behind = min(len(times), np.searchsorted(times, end, side="right") + CARRIED)
+        cuts = 1 + first + np.flatnonzero(np.diff(times[first:behind]) > self._gap(joints))
+        before, after = cuts[times[cuts] <= start], cuts[times[cuts] > end]
+        return (before[-1] if len(before) else first), (after[0] if len(after) else behind)
+
+    def _gap(self, joints):
+        """The time [s] without a sample of a band that is a gap."""
+        steps = self._steps.get(joints, ())
+        if len(steps) < LEAST_SAMPLES - 1:
+            return GAP * self.step
+        typical = typical_step(steps)
+        return GAP * max(self.step, typical, np.mean(steps[steps <= GAP * typical]))
+
+    def _typical(self, joints):
+        """The typical step [s] of a band; 0 where there are too few of them yet."""
+        steps = self._steps.get(joints, ())
+        return typical_step(steps) if len(steps) >= LEAST_SAMPLES - 1 else 0.0
+
+    def _size(self, first, end):
+        """How many samples of the grid there are from the first one to a time."""
+        return int(np.floor((end - first) / self.step + 1e-3)) + 1
 
     def _stretch(self, bands, start, end):
         continues = self._end is not None and start <= self._end + 1e-6 * self.step
         first = self._end + self.step if continues else start
-        size = int(np.floor((end - first) / self.step + 1e-3)) + 1
+        size = self._size(first, end)
         if size < 1:
             return None
         grid = first + self.step * np.arange(size)
         arrays = np.full((3, size, len(self.names)), np.nan)
         for joints, times, *fields in bands:
-            reach = CARRIED * self._step_of(times)
-            near = slice(*np.searchsorted(times, [grid[0] - reach, grid[-1] + reach]))
+            near = slice(*self._near(joints, times, grid[0], grid[-1]))
             for array, values in zip(arrays, fields, strict=True):
                 array[:, joints] = on_grid(times[near], values[near], grid)
         self._end = grid[-1]
@@ -242,7 +316,7 @@ class Assembly:
 
     def _keep(self, bands, limit):
         """Forget all but what the interpolation of the next samples needs."""
-        self._rows, self._counted = {}, max(limit, self._counted)
+        self._rows = {}
         for joints, times, *fields in bands:
             first = max(0, np.searchsorted(times, limit) - CARRIED)
             if first < len(times):
@@ -266,6 +340,19 @@ def stretches(samples, names, tally=None, rate=None):
         if assembly.is_full:
             yield from assembly.drain()
     yield from assembly.drain(final=True)
+
+
+def typical_step(steps):
+    """The typical one of the steps (N,) [s] between samples: the median, or the mean without gaps where that is much
+    longer, as where stamps come in bursts."""
+    median, mean = np.median(steps), np.mean(steps)
+    while mean > UNEVEN * median and len(steps) >= LEAST_UNEVEN:
+        without_gaps = steps[steps <= GAP * mean]
+        if len(without_gaps) == len(steps):
+            return float(mean)
+        steps = without_gaps
+        mean = np.mean(steps)
+    return float(median)
 
 
 def _intersected(lists):

@@ -1,7 +1,7 @@
 """Signals: put on a uniform grid, low-pass filtered without delay, differentiated, and compared in time."""
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.signal import butter, correlate, correlation_lags, sosfiltfilt
 
 from robot_dynamics.errors import RecordingError
@@ -11,12 +11,16 @@ DEFAULT_CUTOFF = 8.0  # [Hz] what arms that people stand beside do
 HIGHEST = 0.2  # of the rate: cut-off where the default would be above what the rate can tell
 SETTLED = 6.0  # periods of the cut-off after which the filter has forgotten its beginning to 1e-6
 ON_GRID = 0.02  # steps that a stamp may be from the grid to be on it
+LEAST_OF_SPLINE = 4  # samples that tell a cubic spline
+UNEVEN = 4.0  # longest step over the shortest, beyond which a cubic spline makes much of the noise of samples
 
 
 def on_grid(times, values, grid):
     """Values (N, k) at the times of a grid (N,), by cubic splines of values (M, k) at times (M,), ascending.
 
-    Where the samples are on the grid they are taken as they are. A column with nan in it is nan.
+    Where the samples are on the grid they are taken as they are. Where their steps are uneven the splines are Akima's,
+    whose slopes depend on neighbouring samples alone. A column with nan in it is nan. Raises ValueError
+    where there are fewer samples than a cubic spline needs, LEAST_OF_SPLINE: leave such pieces out.
     """
     if len(times) >= len(grid) and len(grid):
         first = np.searchsorted(times, grid[0] - 0.5 * (grid[1] - grid[0] if len(grid) > 1 else 0))
@@ -25,9 +29,12 @@ def on_grid(times, values, grid):
             return values[first : first + len(grid)]
     found = np.full((len(grid), values.shape[1]), np.nan)
     whole = np.isfinite(values).all(axis=0)
+    if len(times) < LEAST_OF_SPLINE:
+        raise ValueError(f"{len(times)} samples: a cubic spline needs {LEAST_OF_SPLINE} at least")
     if whole.any():
-        kind = CubicSpline(times, values[:, whole]) if len(times) >= 4 else None
-        found[:, whole] = kind(grid) if kind else [np.interp(grid, times, column) for column in values[:, whole].T].T
+        steps = np.diff(times)
+        spline = CubicSpline if steps.max() <= UNEVEN * steps.min() else Akima1DInterpolator
+        found[:, whole] = spline(times, values[:, whole])(grid, extrapolate=True)  # by rounding, at the ends
     return found
 
 

@@ -12,6 +12,7 @@ SENTENCES = {
     "gaps": "gaps: nothing is filled in, filters begin anew after each",
     "not_finite": "rows have a position or effort that is nan or infinite, and were left out",
     "short": "samples are in stretches too short to be filtered, and were left out",
+    "close": "messages are closer to the one before than a third of the usual step, and were left out",
     "unbounded": "samples have positions or efforts so large that nothing can be computed, and were left out",
     "edges": "samples are at the ends of stretches, where the filter sees one side only, and were left out",
     "also_told": "values of joints come from a second topic too, and were left out",

@@ -10,11 +10,15 @@ slide near the base leave more, for which `independent_columns` finds what depen
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.robot import Link
+
+LARGEST_ROUNDING = 1e-9  # part of the largest singular value, above which one is none of rounding
+RUNGS = (0.5, 0.6, 0.4, 0.7, 0.3, 0.8, 0.2, 0.9, 0.1)  # of the way up the gap, where a column's own part may count
 
 
 def gathered(robot, turned=()):
@@ -46,26 +50,61 @@ def gathered(robot, turned=()):
     return replace(robot, links=tuple(links), joints=tuple(joints))
 
 
-def independent_columns(matrix, tolerance=1e-9):
-    """(kept, dependent, K): numbers of columns of `matrix` (rows, p) such that the kept ones are independent, and
-    matrix[:, dependent] = matrix[:, kept] @ K, to `tolerance` of the matrix's size.
+class IndependentColumns(NamedTuple):
+    """kept, dependent: numbers of columns of a matrix such that the kept ones are independent, and matrix[:, dependent]
+    = matrix[:, kept] @ K; gap: the least singular value of the matrix that counts, and the largest that does not, as
+    parts of the largest of all."""
 
-    Of columns that depend on each other the first is kept. For a regressor of many random motions, the parameters
-    θ_kept + K θ_dependent are base parameters. By QR factors (Gautier).
+    kept: list
+    dependent: list
+    K: np.ndarray
+    gap: tuple
+
+
+def independent_columns(matrix):
+    """The IndependentColumns of a `matrix` (rows, p), as many as it has rank.
+
+    Of columns that depend on each other the first is kept. The rank is where singular values fall the most on their way
+    to rounding. For a regressor of many random motions, the parameters θ_kept + K θ_dependent are base parameters.
+    Source: Gautier, "Numerical calculation of the base inertial parameters of robots" (1991), by QR factors.
     """
-    size = np.linalg.norm(matrix)
+    triangle = np.linalg.qr(matrix, mode="r")
+    s = np.linalg.svd(triangle, compute_uv=False)
+    rank, gap = _rank(s, matrix.shape)
+    kept, least, most = [], gap[1] * s.max(initial=0), gap[0] * s.max(initial=0)
+    # a column's own part is at least the least singular value; what is left of a dependent one is rounding
+    for share in RUNGS:
+        kept = _own_columns(triangle, most**share * least ** (1 - share))
+        if len(kept) == rank:
+            break
+    dependent = [column for column in range(matrix.shape[1]) if column not in set(kept)]
+    K = np.linalg.lstsq(triangle[:, kept], triangle[:, dependent], rcond=None)[0]
+    return IndependentColumns(kept, dependent, K, gap)
+
+
+def _rank(s, shape):
+    """(rank, (least value that counts, largest that does not)) of singular values s, as parts of the largest."""
+    if not s.max(initial=0) > 0:
+        return 0, (1.0, 0.0)
+    rounding = max(shape) * np.finfo(float).eps
+    parts = np.maximum(np.append(s / s[0], 0.0), rounding)
+    falls = np.where(parts[1:] < LARGEST_ROUNDING, parts[:-1] / parts[1:], 0.0)
+    rank = int(np.argmax(falls)) + 1
+    return rank, (float(parts[rank - 1]), float(parts[rank]))
+
+
+def _own_columns(matrix, least):
+    """Numbers of the columns of a matrix of which so much is normal to the columns before them."""
     kept, basis = [], np.zeros((matrix.shape[0], 0))
     for column in range(matrix.shape[1]):
         rest = matrix[:, column]
         for _ in range(2):  # once more, for the digits that the first time loses
             rest = rest - basis @ (basis.T @ rest)
         length = np.linalg.norm(rest)
-        if length > tolerance * size:
+        if length > least:
             kept.append(column)
             basis = np.column_stack([basis, rest / length])
-    dependent = [column for column in range(matrix.shape[1]) if column not in set(kept)]
-    K = np.linalg.lstsq(matrix[:, kept], matrix[:, dependent], rcond=None)[0]
-    return kept, dependent, K
+    return kept
 
 
 def _symmetric_part(inertia):

@@ -5,7 +5,7 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
-from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_motion, write_bag
+from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_motion, uneven_times, write_bag
 
 from robot_dynamics import load_robot
 from robot_dynamics.commands.known_payloads import carried
@@ -45,6 +45,15 @@ def test_a_wrong_description_is_put_right(bags, tmp_path, capsys):
     assert [each["value"] for each in told["parameters"] if each["name"] == "Fv.panda_joint1"] == pytest.approx(
         [1.5], abs=0.05
     )
+
+
+def test_pieces_between_gaps_that_are_too_short_are_left_out_and_said(bags, tmp_path, capsys):
+    motion = panda_motion(times=uneven_times("pieces", 40.0), viscous=1.5, coulomb=0.6)
+    bag, figures = write_bag(tmp_path / "run", messages(motion)), tmp_path / "fit.json"
+    assert main(["identify", str(bag), "--robot", "panda", "--json", str(figures)]) == 0
+    assert "samples are in stretches too short to be filtered, and were left out" in capsys.readouterr().out
+    friction = [each["value"] for each in json.loads(figures.read_text())["parameters"] if each["name"][:2] == "Fv"]
+    assert friction == pytest.approx([1.5] * 7, abs=0.15)
 
 
 def test_what_cannot_be_is_refused(bags, tmp_path, capsys):

@@ -1,17 +1,29 @@
 """Base parameters by numbers: as many as the regressor has rank, enough for all efforts, the published ones where there
 are some."""
 
+import os
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers.four_bar import random_four_bar
 from peers.loop_states import random_closed_state
 from peers.maximal_coordinates import MaximalCoordinates
 from peers.random_loops import random_loops
+from peers.scanned import rank_of_efforts
 
-from robot_dynamics import Base, Dynamics, load_robot
+from robot_dynamics import Base, Dynamics, Robot, load_robot
 from robot_dynamics.identification.base_parameters import base_parameters
-from robot_dynamics.identification.motions import random_motions
+from robot_dynamics.identification.motions import loop_motions, random_motions
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint
+from robot_dynamics.model.library import shipped_robots
+from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.robot import Frame, Link
+from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.newton_euler.regressor import parameters
+
+SEEDS = int(os.environ.get("SEEDS", "2"))
 
 
 def test_rx90_has_the_published_forty_and_its_frictions():
@@ -43,6 +55,150 @@ def test_efforts_of_robots_with_loops_come_from_their_base_parameters(seed):
     lengths = np.linalg.norm(rows, axis=0)
     rows = rows[:, lengths > 1e-10 * lengths.max()] / lengths[lengths > 1e-10 * lengths.max()]
     assert np.linalg.matrix_rank(rows, tol=1e-8) == len(found.kept)
+
+
+@pytest.mark.parametrize("name", shipped_robots())
+def test_as_many_as_the_rank_by_another_way_of_sampling_at_every_seed(name):
+    """Rank of the regressor at states along lines of the motors, or at poses of the platform: neither walks."""
+    dynamics = Dynamics(load_robot(name))
+    rank, fall = rank_of_efforts(dynamics, max(60, 3 * len(dynamics.parameter_names) // len(dynamics.joint_names)), 5)
+    assert fall > 1e4  # which it is not where states cover too little
+    found = [base_parameters(dynamics, seed) for seed in range(SEEDS)]
+    assert [len(each.kept) for each in found] == [rank] * SEEDS
+    for each in found:
+        assert each.kept == found[0].kept and each.gap[0] > 1e4 * each.gap[1]
+        # the least singular value that counts says how sharp the coefficients are
+        assert np.abs(each.K - found[0].K).max(initial=0) < 1e-13 / each.gap[0] * max(
+            1.0, np.abs(each.K).max(initial=0)
+        )
+
+
+@pytest.mark.parametrize("name", ["bricard", "andrews_squeezer"])
+def test_efforts_all_over_the_range_come_from_the_base_parameters_of_loops(name):
+    """Along the whole turn of the motor, followed from home, which the search for them did not."""
+    dynamics = Dynamics(load_robot(name))
+    found, rng = base_parameters(dynamics, 1), np.random.default_rng(3)
+    start = dynamics.closed_positions[dynamics.robot.joint_numbers[dynamics.joint_names[0]]]
+    q = dynamics.follow(start + np.linspace(0, 0.9, 40)[:, None])
+    Y = dynamics.regressor(q, *rng.uniform(-3, 3, (2, len(q), 1)))
+    for _ in range(3):  # bodies of any kind
+        theta = rng.normal(size=len(found.names))
+        expected = Y @ theta
+        assert np.abs(found.regressor(Y) @ found.values(theta) - expected).max() < 1e-6 * np.abs(expected).max()
+
+
+H = np.pi / 2
+STANFORD = "RRPRRR", [(0, 0, 0), (-H, 0, 0.15), (H, 0, 0.4), (0, 0, 0), (-H, 0, 0), (H, 0, 0)]
+SEVEN = "RRRRRRR", [(0, 0, 0.36), (-H, 0, 0), (H, 0, 0.42), (H, 0, 0), (-H, 0, 0.4), (-H, 0, 0), (H, 0, 0.126)]
+SCARA = "RRPR", [(0, 0, 0), (0, 0.35, 0), (0, 0.3, 0), (0, 0, 0)]
+
+
+def serial(kinds, rows, gravity=(0.0, 0.0, -9.81), moving_base=False):
+    """An arm of joints that turn (R) and slide (P); rows: (alpha, d, r) of each."""
+    joints = [Joint(f"joint_{j}", j - 1, kind == "P", placement_of(Row(alpha=alpha, d=d, r=r)))
+              for j, (kind, (alpha, d, r)) in enumerate(zip(kinds, rows, strict=True), start=1)]  # fmt: skip
+    links = [Link(name, Inertia()) for name in ("base", *(f"link_{j}" for j in range(1, len(joints) + 1)))]
+    frames = tuple(Frame(link.name, number, np.eye(4)) for number, link in enumerate(links))
+    return Robot("arm", tuple(links), tuple(joints), frames, moving_base=moving_base, gravity=np.array(gravity))
+
+
+@pytest.mark.parametrize(
+    ("robot", "bodies", "with_rotors"),
+    [
+        # 7 N - 4 β - 2 of N joints that turn, the first β of them about parallel axes, upright: Mayeda, Yoshida and
+        # Osuka, "Base parameters of manipulator dynamic models", IEEE Trans. Robotics and Automation 6 (3), 1990, who
+        # have 36 for the Puma 560; 7 N - 4 β where gravity is not along the first axis
+        (lambda: load_robot("puma560"), 36, None),
+        (lambda: load_robot("ur5e"), 36, None),
+        (lambda: serial(*SEVEN), 43, None),
+        (lambda: serial(*SEVEN, gravity=(3.0, 1.0, -9.0)), 45, None),
+        (lambda: serial("RR", [(0, 0, 0), (0, 0.3, 0)]), 4, None),
+        (lambda: serial("RR", [(0, 0, 0), (0, 0.3, 0)], gravity=(0.0, -9.81, 0.0)), 6, None),
+        # 43: Gaz, Cognetti, Oliva, Robuffo Giordano and De Luca, "Dynamic identification of the Franka Emika Panda
+        # robot with retrieval of feasible parameters", IEEE Robotics and Automation Letters 4 (4), 2019
+        (lambda: load_robot("panda"), 43, None),
+        # 40 with rotors: Khalil, "Dynamic modeling of robots using recursive Newton-Euler techniques", RX-90
+        (lambda: load_robot("rx90"), 36, 40),
+        # 7 n_r + 4 n_p - 4, and 2 less where the first joint turns about the vertical: closed-form rules of Gautier
+        # and Khalil, "Direct calculation of minimum set of inertial parameters of serial robots", IEEE Trans. Robotics
+        # and Automation 6 (3), 1990, with the Stanford arm as an example
+        (lambda: serial(*STANFORD), 33, None),
+        (lambda: serial(*STANFORD, gravity=(0.0, -9.81, 0.0)), 35, None),
+        # parallel upright axes: one moment of inertia and two first moments of each link that turns, and the mass of
+        # what slides, less the first moments of the first link, by the same rules
+        (lambda: serial(*SCARA), 8, None),
+        (lambda: serial("RRRP", SCARA[1]), 8, None),
+        # free-flying: ten of the whole, 7 of each joint that turns and 4 of each that slides; Ayusawa, Venture and
+        # Nakamura, "Identifiability and identification of inertial parameters using the underactuated base-link
+        # dynamics for legged multibody systems", Int. J. Robotics Research 33 (3), 2014
+        (lambda: serial(*SEVEN, moving_base=True), 7 * 7 + 10, None),
+        (lambda: serial(*STANFORD, moving_base=True), 7 * 5 + 4 + 10, None),
+        (lambda: load_robot("free_flying_arm"), 7 * 6 + 10, None),
+    ],
+)
+def test_counts_are_those_of_the_literature(robot, bodies, with_rotors):
+    """Of inertial parameters of links, ten each; rotors count where the source has them, frictions never: each joint
+    has its two."""
+    robot = robot()
+    dynamics = Dynamics(robot, compiled=False)
+    for seed in range(3):
+        found = base_parameters(dynamics, seed)
+        kinds = [found.names[number].partition(".")[0] for number in found.kept]
+        assert kinds.count("Fv") == kinds.count("Fs") == len(robot.joints)
+        assert len(kinds) - sum(map(kinds.count, ("Ia", "Fv", "Fs"))) == bodies
+        if with_rotors is not None:
+            assert len(kinds) - 2 * len(robot.joints) == with_rotors
+
+
+def test_motions_of_loops_keep_them_closed_within_limits_and_in_their_branch():
+    """Of a flat parallelogram, of which the coupler keeps its direction: as an antiparallelogram it would not."""
+    for name in ("sr400", "delta_wrist", "bricard"):
+        robot = load_robot(name)
+        motions = loop_motions(robot, 200, seed=4)
+        equations = loop_equations(robot, motions.q, motions.qd)
+        assert np.abs(equations.residual).max() < 1e-10
+        velocity = (equations.jacobian @ motions.qd[..., None])[..., 0]
+        acceleration = (equations.jacobian @ motions.qdd[..., None])[..., 0] + equations.drift
+        assert np.abs(velocity).max() < 1e-9 and np.abs(acceleration).max() < 1e-8 * np.abs(motions.qdd).max()
+        limits = np.array([(joint.limits.lower, joint.limits.upper) for joint in robot.joints]).T
+        assert ((motions.q >= limits[0] - 1e-12) & (motions.q <= limits[1] + 1e-12)).all()
+    for mode in (1, -1):
+        linkage = replace(random_four_bar(3), crank=0.2, rocker=0.2, coupler=0.4, ground=0.4, mode=mode)
+        q = loop_motions(linkage.robot(np.array([1.0])), 500).q
+        turned = np.cos(q[:, 0] + q[:, 1])  # the crank's joint and the coupler's: the coupler, to the ground
+        parallel = abs(linkage.link_angles(np.array([1.0]))[1]) < 1e-9
+        assert (np.ptp(turned) < 1e-9) == parallel
+        assert np.ptp(q[:, 0]) > 2.7  # of half a turn from one flat position to the other
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_motions_cover_what_a_four_bar_reaches_dead_points_of_the_crank_included(seed):
+    """The range of the crank by the law of cosines: where coupler and rocker are stretched, or folded. Cranks that do
+    not turn all the way come back with coupler and rocker on the other side."""
+    rng = np.random.default_rng(seed)
+    while True:
+        crank, coupler, rocker, ground = rng.uniform(0.3, 0.9, 4)
+        diagonals = np.clip([abs(coupler - rocker), coupler + rocker], abs(crank - ground), crank + ground)
+        first, last = np.arccos((crank**2 + ground**2 - diagonals**2) / (2 * crank * ground))
+        flat = min(abs(crank + rocker - coupler - ground), abs(crank + coupler - rocker - ground),
+                   abs(crank + ground - rocker - coupler))  # fmt: skip
+        if last - first > 0.5 and flat > 0.05:
+            break
+    linkage = replace(random_four_bar(seed), crank=crank, coupler=coupler, rocker=rocker, ground=ground)
+    start = np.array([(first + last) / 2])
+    q = loop_motions(linkage.robot(start), 1000).q
+    turned = np.abs(np.angle(np.exp(1j * q[:, 0])))
+    assert first - 1e-9 <= turned.min() < first + 0.05 * (last - first) + 1e-9
+    assert last - 0.05 * (last - first) - 1e-9 < turned.max() <= last + 1e-9
+    sides = set()
+    for row in q[::10]:
+        for mode in (1, -1):
+            with np.errstate(invalid="ignore"):  # at dead points, by rounding beyond them
+                angles = replace(linkage, mode=mode).joint_angles(row[:1])
+            if np.abs(np.exp(1j * angles) - np.exp(1j * row[: len(angles)])).max() < 1e-6:
+                sides.add(mode)
+    dead = first > 1e-6 or last < np.pi - 1e-6
+    assert sides == ({1, -1} if dead else {linkage.mode})
 
 
 def test_parameters_of_the_rocker_of_a_four_bar_join_those_of_crank_and_coupler():

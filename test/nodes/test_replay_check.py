@@ -9,7 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from peers import flights
-from peers.recorded import BEGINNING, JOINTS, panda_model, panda_motion
+from peers.recorded import BEGINNING, JOINTS, panda_model, panda_motion, uneven_times
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -103,8 +103,8 @@ def measured(motion=MOTION):
     return motion.efforts + NOISE * np.random.default_rng(0).normal(size=motion.efforts.shape)
 
 
-def state_messages(efforts):
-    return [(0, stated(*row)) for row in zip(MOTION.times, MOTION.q, MOTION.qd, efforts, strict=True)]
+def state_messages(efforts, motion=MOTION):
+    return [(0, stated(*row)) for row in zip(motion.times, motion.q, motion.qd, efforts, strict=True)]
 
 
 def payload_efforts(mass):
@@ -201,6 +201,27 @@ def test_other_orders_and_topics_are_taken_and_what_is_wrong_is_said(fresh):
     report = fresh.ask("report")
     assert not report.success and report.message.count("  passed") == 6 and "  FAILED" in report.message
     fresh.wait_until(lambda: fresh.says("nobody tells of panda_joint1"), "that nothing comes any more")
+
+
+@pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
+def test_uneven_stamps_are_compared_to_the_end_and_what_is_too_short_is_counted(fresh, kind):
+    """Also where few samples lie between two pauses: the node goes on, says so, and has no error of its own."""
+    motion = panda_motion(times=uneven_times(kind, 14.0, RATE))
+    fresh.tell(state_messages(measured(motion), motion))
+    # random steps leave pieces of a second or so between pauses of 5.5 steps, of which the filter leaves half
+    last = BEGINNING + round((8.0 if kind == "random" else motion.times[-1] - 1.0) * 1e9)
+    fresh.wait_until(lambda: fresh.residuals and nanoseconds(fresh.residuals[-1].header.stamp) > last, "the last ones")
+    stamps = np.array([nanoseconds(message.header.stamp) for message in fresh.predicted])
+    assert (np.diff(stamps) > 0).all()
+    if kind == "pieces":
+        fresh.wait_until(lambda: fresh.says("too short to be filtered"), "the note on short pieces")
+    else:
+        fresh.wait_until(lambda: fresh.says("closer to the one before"), "the note on stamps that are too close")
+    assert not fresh.says("internal error") and "internal error" not in str(fresh.whole)
+    report = fresh.ask("report")
+    assert report.success and report.message.count("  passed") == 7
+    residuals = np.array([message.effort for message in fresh.residuals])
+    assert len(residuals) > 400 and np.sqrt((residuals**2).mean(axis=0)).max() < 0.1
 
 
 def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(watch, tmp_path):

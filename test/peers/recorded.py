@@ -29,10 +29,12 @@ class Motion(NamedTuple):
     efforts: np.ndarray
 
 
-def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0):
+def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0,
+                 times=None):  # fmt: skip
     """Fourier series of up to 0.5 Hz times `speed` about the middle of the joints, exact derivatives; efforts by
-    Pinocchio."""
-    rng, times = np.random.default_rng(seed), start + np.arange(int(duration * rate)) / rate
+    Pinocchio. times: (N,) [s] of the samples, in the place of duration, rate and start."""
+    rng = np.random.default_rng(seed)
+    times = start + np.arange(int(duration * rate)) / rate if times is None else times
     q, qd, qdd = (np.zeros((len(times), 7)) for _ in range(3))
     q += MIDDLE
     for frequency in (0.1, 0.2, 0.35, 0.5):
@@ -46,6 +48,27 @@ def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, mo
     data = model.createData()
     efforts = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
     return Motion(times, q, qd, qdd, efforts + viscous * qd + coulomb * np.sign(qd))
+
+
+def uneven_times(kind, duration, rate=100.0, seed=0):
+    """Times (N,) [s] of samples that a joint state publisher without a real-time clock stamps.
+
+    kind: "random", steps of an exponential distribution; "pairs", of which the second is stamped 50 µs after the first
+    one; "pieces", of 1 to 40 samples at uneven steps between pauses of 6 to 12 steps, of which each fifth is longer.
+    """
+    rng, step = np.random.default_rng(seed), 1 / rate
+    if kind == "pairs":
+        return (np.arange(0, duration, 2 * step)[:, None] + [0, 5e-5]).ravel()
+    steps = rng.exponential(step, int(1.5 * duration * rate))
+    if kind == "pieces":
+        steps = step * rng.uniform(0.6, 1.4, len(steps))
+        number, start = 0, 0
+        while start < len(steps):
+            size = 300 if number % 5 == 0 else rng.integers(1, 12)
+            start, number = start + size, number + 1
+            steps[start : start + 1] = step * rng.uniform(6, 40)
+    times = np.cumsum(steps)
+    return times[times < duration]
 
 
 def panda_model():

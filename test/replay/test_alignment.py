@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from peers.recorded import BEGINNING, JOINTS, message, messages, panda_motion
+from peers.recorded import BEGINNING, JOINTS, message, messages, panda_motion, uneven_times
 
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.replay import alignment
@@ -88,6 +88,74 @@ def test_nothing_is_filled_in_across_a_gap():
     assert [stretch.continues for stretch in found] == [False, False]
     assert found[1].time == pytest.approx(6.0) and tally.counts["gaps"] == 1
     assert np.array_equal(joined(found), MOTION.q[(MOTION.times <= 4) | (MOTION.times >= 6)])
+
+
+@pytest.mark.parametrize("chunk", [20_000, 157, 5, 1])
+@pytest.mark.parametrize("size", [1, 2, 3, 4])
+def test_a_piece_too_short_for_a_spline_is_left_out_and_counted_in_chunks_of_any_size(monkeypatch, chunk, size):
+    """Between 4 and 6 s a few samples alone, beside the grid; a piece of 4 is the least that is not left out."""
+    monkeypatch.setattr(alignment, "CHUNK", chunk)
+    alone = 5.0 + np.array([0.0, 0.0113, 0.0208, 0.0311])[:size]
+    times = np.array([*MOTION.times[MOTION.times <= 4], *alone, *MOTION.times[MOTION.times >= 6]])
+    motion = panda_motion(times=times)
+    found, tally = on_grid(samples(messages(motion)))
+    long = joined([stretch for stretch in found if not 4.5 < stretch.time < 5.5])
+    # bits of what is on the grid, where no spline is needed
+    assert np.abs(long - MOTION.q[(MOTION.times <= 4) | (MOTION.times >= 6)]).max() < 1e-9
+    assert tally.counts["gaps"] == 2
+    middle = [stretch for stretch in found if 4.5 < stretch.time < 5.5]
+    if size < 4:
+        # of the time from the first of them to the last, the grid has so many samples
+        assert tally.counts["short"] == size and middle == []
+        assert any("too short" in sentence for sentence in tally.sentences)
+    else:
+        assert tally.counts["short"] == 0
+        expected = panda_motion(times=5.0 + 0.01 * np.arange(4)).q
+        assert np.abs(joined(middle) - expected[: sum(map(len, middle))]).max() < 1e-6
+
+
+@pytest.mark.parametrize("chunk", [20_000, 20, 1])
+@pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
+def test_uneven_stamps_give_the_motion_where_they_give_one_and_each_sample_is_accounted_for(monkeypatch, kind, chunk):
+    monkeypatch.setattr(alignment, "CHUNK", chunk)
+    motion = panda_motion(times=uneven_times(kind, 12.0))
+    rng = np.random.default_rng(1)
+    noisy = motion._replace(efforts=motion.efforts + 0.01 * rng.normal(size=motion.efforts.shape))
+    found, tally = on_grid(samples(messages(noisy)))
+    begins = motion.times[0]
+    on_time = [begins + stretch.time + np.arange(len(stretch)) / stretch.rate for stretch in found]
+    covered = sum(len(stretch) / stretch.rate for stretch in found)
+    expected = panda_motion(times=np.concatenate(on_time))
+    assert np.abs(joined(found) - expected.q).max() < 1e-3
+    # a spline through samples of which no two are too close makes little more of their noise
+    assert np.abs(joined(found, "effort") - expected.efforts).max() < 0.2
+    assert covered > {"random": 11.0, "pairs": 11.9, "pieces": 8.0}[kind]
+    assert tally.counts["short"] > 0 or kind != "pieces"
+    assert tally.counts["close"] > 0 or kind == "pieces"
+    if kind == "pieces":
+        pauses = np.flatnonzero(np.diff(motion.times) > 0.055)
+        assert tally.counts["gaps"] == len(pauses)
+
+
+def test_a_slow_topic_has_no_gaps_after_a_pause_that_its_steps_do_not_make():
+    """Three joints at 100 Hz, four at 10 Hz, in chunks; both begin anew after a pause."""
+    assembly, tally = None, Tally()
+    assembly = alignment.Assembly(JOINTS, tally)
+    pieces = []
+    for number, (t, q) in enumerate(zip(MOTION.times, MOTION.q, strict=True)):
+        if number == 600:
+            pieces += assembly.drain(final=True)
+        told = [message(t, NAMES[:3], q[:3])]
+        if number % 10 == 0:
+            told.append(message(t + 0.003, NAMES[3:], q[3:]))
+        for each in zip(told, ("/arm", "/wrist"), strict=False):
+            (sample,) = samples(each[:1], each[1])
+            assembly.feed(sample)
+        if number % 10 == 5 and number > 100:
+            pieces += assembly.drain()
+    pieces += assembly.drain(final=True)
+    assert tally.counts["gaps"] == tally.counts["short"] == 0
+    assert sum(map(len, pieces)) > 1170 and sum(not piece.continues for piece in pieces) == 2
 
 
 def test_a_clock_that_is_set_back_or_begins_at_zero_makes_a_stretch_of_its_own():

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from peers.recorded import JOINTS, message, messages, panda_motion, write_bag
+from peers.recorded import JOINTS, message, messages, panda_motion, uneven_times, write_bag
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.errors import DescriptionError, RecordingError
@@ -230,6 +230,31 @@ def test_rows_with_more_cells_than_names_do_not_shift_the_rows_after_them(tmp_pa
     lines = table_lines(MOTION)
     (tmp_path / "twice.csv").write_text("\n".join([lines[0], *(f"{line},{line}" for line in lines[1:])]))
     assert not any("stamp of the one before" in note for note in checked(tmp_path / "twice.csv").notes)
+
+
+@pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
+@pytest.mark.parametrize("as_bag", [True, False], ids=["bag", "csv"])
+def test_uneven_stamps_and_pieces_between_gaps_are_checked_and_what_is_left_out_is_in_the_notes(tmp_path, kind, as_bag):
+    motion = noisy(panda_motion(times=uneven_times(kind, 20.0)))
+    if as_bag:
+        path = write_bag(tmp_path / "run", messages(motion))
+    else:
+        path = tmp_path / "run.csv"
+        path.write_text("\n".join(table_lines(motion)))
+    found = checked(path)
+    assert found.passed and found.segments == ()
+    assert min(verdict.joint.samples for verdict in found.verdicts) > 500
+    notes = "; ".join(found.notes)
+    assert ("too short to be filtered" in notes) or kind != "pieces"
+    assert ("closer to the one before" in notes) or kind == "pieces"
+
+
+def test_a_recording_of_which_all_pieces_are_too_short_is_refused_with_the_reason(tmp_path):
+    """Pieces of 3 and 12 samples, with pauses of 0.3 s: efforts are there, but none can be filtered."""
+    times = np.cumsum(np.tile([0.3, 0.009, 0.011, 0.3] + 11 * [0.01], 40))
+    path = write_bag(tmp_path / "run", messages(noisy(panda_motion(times=times))))
+    with pytest.raises(RecordingError, match=r"look at\. 79 gaps.*600 samples are in stretches too short"):
+        checked(path)
 
 
 def test_a_csv_that_cannot_be_checked_says_what_is_wrong_with_it(tmp_path):

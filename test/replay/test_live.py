@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from peers.recorded import BEGINNING, JOINTS, REAL_DATA, messages, panda_motion, write_bag
+from peers.recorded import BEGINNING, JOINTS, REAL_DATA, messages, panda_motion, uneven_times, write_bag
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.replay import live
+from robot_dynamics.replay import alignment, live
 from robot_dynamics.replay.checking import check
 from robot_dynamics.replay.drives import direct_drives
 from robot_dynamics.replay.joint_sample import JointSample, joint_sample
@@ -143,6 +143,50 @@ def test_rows_without_positions_at_the_beginning_do_no_harm():
     checked = new_check()
     fed(checked, told)
     assert checked.found().passed and checked.tally.counts["not_finite"] == 150
+
+
+@pytest.mark.parametrize("every", [1, 10])
+@pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
+def test_uneven_stamps_and_pieces_between_gaps_are_compared_as_in_a_recording(tmp_path, kind, every):
+    rng = np.random.default_rng(3)
+    motion = panda_motion(times=uneven_times(kind, 20.0))
+    motion = motion._replace(efforts=motion.efforts + 0.3 * rng.normal(size=motion.efforts.shape))
+    found = check(open_recording(write_bag(tmp_path / "run", messages(motion)), direct_drives(JOINTS)), DYNAMICS,
+                  load_tolerances())  # fmt: skip
+    checked = new_check()
+    pieces = fed(checked, samples(motion), every)
+    stamps = np.concatenate([piece.stamps for piece in pieces])
+    assert (np.diff(stamps) > 0).all() and stamps[-1] > BEGINNING + 18e9
+    mine = checked.found()
+    assert mine.passed and found.passed
+    assert mine.verdicts[0].joint.samples == pytest.approx(found.verdicts[0].joint.samples, rel=0.1)
+    for verdict, other in zip(mine.verdicts, found.verdicts, strict=True):
+        # what is interpolated at once sees one side only
+        assert verdict.joint.rms == pytest.approx(other.joint.rms, rel=0.5 if every == 1 else 0.2)
+    assert checked.tally.counts["short"] > 0 or kind != "pieces"
+
+
+def test_what_raises_in_one_piece_is_not_tried_again(monkeypatch):
+    """Whatever it is: the rows that raise are dropped, and what comes after them is compared."""
+    on_grid, raised = alignment.on_grid, []
+
+    def fails_once(times, values, grid):
+        if not raised:
+            raised.append(times[0])
+            raise RuntimeError("by a fault of the interpolation")
+        return on_grid(times, values, grid)
+
+    monkeypatch.setattr(alignment, "on_grid", fails_once)
+    checked, told, failures = new_check(), samples(noisy()), 0
+    for number, sample in enumerate(told, 1):
+        checked.feed(sample)
+        if number % 10 == 0:
+            try:
+                checked.advance()
+            except RuntimeError:
+                failures += 1
+    checked.finish()
+    assert failures == 1 and checked.found().passed and checked.found().verdicts[0].joint.samples > 1700
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")

@@ -110,7 +110,7 @@ def test_independent_columns_give_the_base_parameters_of_the_rx90():
     robot = load_robot("rx90")
     Y = motions(robot, rng)
     drives = [k for k, key in enumerate(parameter_names(robot)) if key.split(".")[0] not in ("Fv", "Fs")]
-    kept, dependent, K = independent_columns(Y[:, drives])
+    kept, dependent, K, _ = independent_columns(Y[:, drives])
     assert len(kept) == 40 and len(kept) + len(dependent) == len(drives)
     theta = parameters(robot)[drives]
     base = theta[kept] + K @ theta[dependent]
