@@ -21,6 +21,7 @@ from robot_dynamics.answer import filled
 from robot_dynamics.configuration import Configurations
 from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
 from robot_dynamics.model.platform import COORDINATES
+from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply
 from robot_dynamics.platform_springs import accelerated, at_rest
 from robot_dynamics.question import checked_pose, common_batch, finite
@@ -129,8 +130,8 @@ class PlatformDynamics:
         twist, acceleration = self._screws("twist", twist), self._screws("acceleration", acceleration)
         q = self._led.closed(self._given(x, seed, others))
         configuration, x = self._led.of_all(q), q[..., self._numbers]
-        rates = np.linalg.solve(twist_matrix(x), twist[..., None])[..., 0]
-        second = np.linalg.solve(twist_matrix(x), (acceleration - twist_drift(x, rates))[..., None])[..., 0]
+        rates = solve_each(twist_matrix(x), twist)
+        second = solve_each(twist_matrix(x), acceleration - twist_drift(x, rates))
         qd = configuration.rates(self._among_led(rates, velocities))
         qdd = configuration.rates(self._among_led(second, accelerations)) + configuration.drift(qd)
         batch = common_batch(q, qd, qdd)
