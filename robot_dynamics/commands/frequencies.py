@@ -87,6 +87,8 @@ def draw_map(told, dynamics):
         raise QuestionError("--map goes with --pose, which tells the other coordinates: leave out --joints and --held")
     path = output(told, "map.html", (".html", ".png"))
     axes, at = grid("--map", told.map, counts=(2,)), assignments("--pose", told.pose)
+    if path.suffix == ".html":
+        frequency_pictures.graph_objects()  # missing, it stops the verb before the work
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with bar(100, "poses", "%") as progress:
         found = frequency_map(dynamics, axes, at, told.count, threads, lambda share: progress(100 * share))
@@ -118,9 +120,5 @@ def output(told, default, suffixes):
     path = Path(told.output or default)
     if path.suffix not in suffixes:
         raise QuestionError(f"--output {path}: a file that ends with {' or '.join(suffixes)} is written")
-    if path.suffix == ".html":
-        from robot_dynamics.commands import frequency_pictures
-
-        frequency_pictures.graph_objects()  # missing, it stops the verb before the work
     check_writable(path)
     return path
