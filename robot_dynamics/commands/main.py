@@ -57,6 +57,7 @@ def main(arguments=None):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
+    logging.getLogger("robot_dynamics.model.formats").setLevel(logging.WARNING)  # but what was left out of a text
     try:
         refuse_overwriting(told)
         status = told.run(told)
