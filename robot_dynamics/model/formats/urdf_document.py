@@ -27,6 +27,8 @@ USED = {
     "fixed joint": ("parent", "child", "origin"),
 }
 XINCLUDE = "http://www.w3.org/2001/XInclude"
+UNEXPANDED = "is xacro. Expand it first: xacro robot.urdf.xacro > robot.urdf"
+UNDECLARED = "its prefix is not declared. A URDF needs none: remove it"
 # elements of xacro itself: a text that has one was not expanded; others are calls of macros that were not found
 XACRO = ("arg", "attribute", "call", "element", "if", "include", "insert_block", "macro", "property", "unless")
 
@@ -122,17 +124,17 @@ def check_foreign(root, source):
         if name is None:
             continue
         prefix, _, local = name.rpartition(":")
+        kind = UNEXPANDED if prefix == "xacro" else UNDECLARED
         if prefix == "xacro" and (local in XACRO or root.find("link") is None):
-            meant = "is xacro"
+            reason = kind
         elif any(local_name(inner) in USED["robot"] for inner in element.iter(etree.Element)):
-            meant = "has a link or joint"
+            reason = f"has a link or joint, and {kind}"
         elif element.getparent() is not root and is_used(element.getparent()):
-            meant = f"is in a <{element.getparent().tag}>, of which it may be a part"
+            reason = f"is in a <{element.getparent().tag}>, and {kind}"
         else:
             left_out.setdefault(name, []).append(element.sourceline)
             continue
-        remedy = "Expand it first: xacro robot.urdf.xacro > robot.urdf" if prefix == "xacro" else "Declare its prefix"
-        raise DescriptionError(f"{source}, line {element.sourceline}: <{name}> {meant}. {remedy}")
+        raise DescriptionError(f"{source}, line {element.sourceline}: <{name}> {reason}")
     for name, (line, *more) in left_out.items():
         often = f" and {len(more)} more" if more else ""
         logger.warning("%s, line %d%s: <%s> is left out: it was not expanded, or its prefix is not declared. It is "

@@ -68,7 +68,7 @@ BAD = {
     "call of a macro alone": ('<robot name="r" xmlns:xacro="http://ros.org/xacro"><xacro:arm/></robot>', "is xacro"),
     "call of a macro in a link": (
         with_xacro(INERTIAL, '<xacro:inertial mass="1"/>'),
-        "line 3: <xacro:inertial> is in a <link>, of which it may be a part. Expand it first",
+        "line 3: <xacro:inertial> is in a <link>, and is xacro. Expand it first",
     ),
     "call of a macro in an inertial": (with_xacro("<mass", "<xacro:centre/><mass"), "is in a <inertial>"),
     "call of a macro in a joint": (with_xacro("<axis", "<xacro:limits/><axis"), "line 4: .* is in a <joint>"),
@@ -78,7 +78,7 @@ BAD = {
     ),
     "joint with a prefix that is not declared": (
         changed(JOINT, JOINT + JOINT.replace("<joint", "<my:joint").replace("</joint", "</my:joint")),
-        "line 4: <my:joint> has a link or joint. Declare its prefix",
+        "line 4: <my:joint> has a link or joint, and its prefix is not declared",
     ),
     "inertia with a prefix that is not declared": (changed("<inertia ", "<my:inertia "), "is in a <inertial>"),
     "prefix that is not declared and a crossed tag": (changed(JOINT, JOINT + "<a:b></a:c>"), "not well-formed"),
