@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from robot_dynamics.answer import filled
 from robot_dynamics.configuration import Configurations
 from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
+from robot_dynamics.model.placement import as_rotation
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply
@@ -335,7 +336,7 @@ def check_coordinate(name, free):
 
 def coordinates(pose):
     """(..., 6) x, y, z, yaw, pitch, roll of poses (..., 4, 4)."""
-    angles = Rotation.from_matrix(pose[..., :3, :3].reshape(-1, 3, 3)).as_euler("ZYX").reshape(*pose.shape[:-2], 3)
+    angles = as_rotation(pose[..., :3, :3].reshape(-1, 3, 3)).as_euler("ZYX").reshape(*pose.shape[:-2], 3)
     return np.concatenate([pose[..., :3, 3], angles], axis=-1)
 
 

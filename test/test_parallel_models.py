@@ -90,6 +90,15 @@ def test_motion_left_out_is_zero_at_each_pose_of_a_batch(name, count):
     )
 
 
+def test_a_pose_may_be_read_only():
+    platform, (told, _, _) = dynamics_of("gough_stewart").platform, motions("gough_stewart")
+    for pose in (told[0][0], told[0][:3]):
+        pose = pose.copy()
+        expected = platform.inverse(pose)
+        pose.flags.writeable = False
+        np.testing.assert_array_equal(platform.inverse(pose), expected)
+
+
 @pytest.mark.parametrize("name", PARALLEL)
 def test_both_models_are_those_of_multipliers(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
