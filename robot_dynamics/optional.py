@@ -9,7 +9,7 @@ from robot_dynamics.errors import MissingPackageError
 # {module: (its name for pip, the package of Ubuntu 24.04 that has it in a version that fits, or None)}
 SOURCES = {
     "clarabel": ("clarabel", None),
-    "distributed": ("dask[distributed]", "python3-distributed"),
+    "distributed": ("dask[distributed]", None),
     "jsonschema": ("jsonschema", "python3-jsonschema"),
     "lark": ("lark", "python3-lark"),
     "llvmlite": ("llvmlite", None),
@@ -17,7 +17,7 @@ SOURCES = {
     "matplotlib": ("matplotlib", "python3-matplotlib"),
     "mcap": ("mcap", None),
     "numpy": ("numpy", "python3-numpy"),
-    "plotly": ("plotly", "python3-plotly"),
+    "plotly": ("plotly", None),  # that of Debian and Ubuntu lacks the script that pages need
     "rosbags": ("rosbags", None),
     "scipy": ("scipy", "python3-scipy"),
     "tabulate": ("tabulate", "python3-tabulate"),
