@@ -21,6 +21,9 @@ JAZZY_PYTHON ?=
 test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
 test jazzy: export OMP_NUM_THREADS := 1
+# Fewer of what is random: here it is the packages that differ.
+jazzy: export MUTATIONS := 300
+jazzy: export RANDOM_TREES := 30
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 

@@ -100,10 +100,10 @@ def test_rosdep_of_the_readme_resolves_every_key(tmp_path):
     rosdep = shutil.which("rosdep")
     if rosdep is None or subprocess.run([rosdep, "db", "--rosdistro", "jazzy"], capture_output=True).returncode:
         pytest.skip("rosdep is not installed, or its index was not downloaded")
-    (line,) = re.findall(r"^rosdep install .*$", README, re.MULTILINE)
+    (setting, line) = re.search(r"^(\w+=1) (rosdep install .*)$", README, re.MULTILINE).groups()
     clone_into(tmp_path)
     told = [*shlex.split(line)[1:], "--simulate", "--rosdistro", "jazzy", "--os", "ubuntu:noble"]
-    environment = {**os.environ, "PIP_BREAK_SYSTEM_PACKAGES": "1"}
+    environment = {**os.environ, **dict([setting.split("=")])}
     done = subprocess.run([rosdep, *told], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     for package in ("python3-scipy", "python3-lark", "ros-jazzy-rclpy", "ros-jazzy-rosidl-default-generators"):
