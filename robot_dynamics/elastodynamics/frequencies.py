@@ -14,7 +14,7 @@ STILL = 1e-12  # an eigenvalue below this part of the greatest is that of a mech
 def natural_frequencies(mass, stiffness):
     """Frequencies (n,) [Hz] of matrices (n, n), ascending: sqrt(eig(M⁻¹ K)) / 2π. Those of motions without stiffness
     are zero, those of motions without mass inf."""
-    if not mass.size:  # of no matrix, LAPACK below SciPy 1.15 gives none
+    if not mass.size:  # which SciPy 1.11 refuses
         return np.zeros(0)
     scale = _scale(mass)
     M, K = mass / scale, stiffness / scale

@@ -123,14 +123,14 @@ def check_foreign(root, source):
         name = foreign_name(element)
         if name is None:
             continue
-        prefix, _, local = name.rpartition(":")
+        parent, (prefix, _, local) = element.getparent(), name.rpartition(":")
         kind = UNEXPANDED if prefix == "xacro" else UNDECLARED
         if prefix == "xacro" and (local in XACRO or root.find("link") is None):
             reason = kind
-        elif any(local_name(inner) in USED["robot"] for inner in element.iter(etree.Element)):
+        elif parent is root and any(local_name(inner) in USED["robot"] for inner in element.iter(etree.Element)):
             reason = f"has a link or joint, and {kind}"
-        elif element.getparent() is not root and is_used(element.getparent()):
-            reason = f"is in a <{element.getparent().tag}>, and {kind}"
+        elif parent is not root and is_used(parent):
+            reason = f"is in a <{parent.tag}>, and {kind}"
         else:
             left_out.setdefault(name, []).append(element.sourceline)
             continue

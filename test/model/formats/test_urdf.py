@@ -182,6 +182,10 @@ LEFT_OVER = {
         changed(JOINT, JOINT + '\n<gazebo reference="b">\n<sensor:camera name="rgb" a:b="1"/></gazebo>'),
         ("line 6: <sensor:camera> is left out",),
     ),
+    "joint of a plugin with a prefix that is not declared": (
+        changed("</robot>", "\n<gazebo><c:plugin><joint>j</joint></c:plugin></gazebo></robot>"),
+        ("line 6: <c:plugin> is left out",),
+    ),
     "attribute whose prefix is not declared": (changed('<link name="b"', '<link my:colour="red" name="b"'), ()),
     "prefixes of simulators": (
         changed("</robot>", '<c:p xmlns:c="http://example.org/#controller"><joint/></c:p></robot>'), (),
