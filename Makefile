@@ -14,14 +14,20 @@ ifdef ROS_DISTRO
 unexport LD_LIBRARY_PATH
 endif
 
+# A Python 3.12 to make .venv_apt_jazzy with. Left empty, tools/find_python.sh looks for one.
+JAZZY_PYTHON ?=
+
 # What runs here neither hears nor disturbs robots on the network.
-test demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
-test: export OMP_NUM_THREADS := 1
+test jazzy: export OMP_NUM_THREADS := 1
+# Fewer of what is random: here it is the packages that differ.
+jazzy: export MUTATIONS := 300
+jazzy: export RANDOM_TREES := 30
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test demo lint format lock colcon bench soak clean
+.PHONY: help venv test jazzy demo lint format lock colcon bench soak clean
 
 help:  ## list the targets
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1	\2/p' Makefile
@@ -32,6 +38,11 @@ venv:  ## make or bring up to date .venv: ROS 2 Jazzy, all other packages, and t
 test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
 	.venv/bin/python -m pytest test/nodes  # by themselves: what runs nodes in real time must not wait for a core
+
+jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
+	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
+	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
+	.venv_apt_jazzy/bin/python -m pytest test/nodes
 
 demo: venv  ## a server asked, and simulated robots moved; writes demo.png, demo_tracking.png and bags
 	.venv/bin/demo
@@ -72,6 +83,6 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_closed_loop.py
 
 clean:  ## remove all that the other targets made
-	rm -rf .venv .venv.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
+	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
 	rm -rf .pytest_cache .ruff_cache .hypothesis
 	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

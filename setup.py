@@ -34,8 +34,9 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=[
-        *("numpy>=1.26", "lxml", "yourdfpy", "scipy", "pyyaml", "jsonschema", "tabulate", "matplotlib", "tqdm"),
-        *("rosbags", "mcap", "plotly"),  # bags and their reports
+        *("numpy>=1.26", "scipy", "lxml", "lark", "pyyaml", "jsonschema", "tabulate", "matplotlib", "tqdm"),
+        "yourdfpy",  # URDFs
+        *("rosbags", "mcap", "plotly"),  # bags and reports
         "clarabel",  # inertias that bodies can have
     ],
     extras_require={

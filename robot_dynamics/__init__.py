@@ -1,17 +1,31 @@
 """Dynamics of robots from URDF or MDH tables: inverse and direct models, for Python and as ROS 2 nodes."""
 
-from robot_dynamics.dynamics import Answer, Base, Dynamics, Equilibrium
 from robot_dynamics.errors import (
     DescriptionError,
+    MissingPackageError,
     QuestionError,
     RecordingError,
     RobotDynamicsError,
     SingularModelError,
 )
-from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Spring
-from robot_dynamics.model.library import load_robot, shipped_robots
-from robot_dynamics.model.robot import Robot
+
+try:
+    from robot_dynamics.dynamics import Answer, Base, Dynamics, Equilibrium
+    from robot_dynamics.model.inertia import Inertia
+    from robot_dynamics.model.joint import Spring
+    from robot_dynamics.model.library import load_robot, shipped_robots
+    from robot_dynamics.model.robot import Robot
+except ModuleNotFoundError as error:
+    # A required package is missing. Whatever is used of this one says so; its commands can, in a line of their own.
+    _missing = error
+
+    def __getattr__(name):
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from robot_dynamics.optional import missing_package
+
+        raise missing_package(_missing, __name__) from None
+
 
 __all__ = [
     "Answer",
@@ -20,6 +34,7 @@ __all__ = [
     "Dynamics",
     "Equilibrium",
     "Inertia",
+    "MissingPackageError",
     "QuestionError",
     "RecordingError",
     "Robot",

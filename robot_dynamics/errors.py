@@ -23,6 +23,10 @@ class RecordingError(RobotDynamicsError):
     """A bag or table of measurements cannot be read, or does not tell what is needed of the robot."""
 
 
+class MissingPackageError(RobotDynamicsError, ImportError):
+    """A Python package that a task needs is not installed; the message says how to install it."""
+
+
 class CompilationError(RobotDynamicsError):
     """A program cannot be compiled on this machine; it can still be run as Python."""
 

@@ -12,6 +12,7 @@ One without has rates of the angles.
 import numpy as np
 
 from robot_dynamics.newton_euler.attitude import about, angles_near, angles_of, rotation
+from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 
 
@@ -64,12 +65,12 @@ class AngleRates:
 
     @staticmethod
     def rates(x, twist):
-        return np.linalg.solve(twist_matrix(x), twist[..., None])[..., 0]
+        return solve_each(twist_matrix(x), twist)
 
     @staticmethod
     def second(x, rates, acceleration):
         """The derivatives of rates."""
-        return np.linalg.solve(twist_matrix(x), (acceleration - twist_drift(x, rates))[..., None])[..., 0]
+        return solve_each(twist_matrix(x), acceleration - twist_drift(x, rates))
 
     @staticmethod
     def twist(x, rates):

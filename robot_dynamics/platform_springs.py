@@ -12,6 +12,8 @@ between motors and platform: A_UU + A_UR L is singular, and the springs decide h
 import numpy as np
 
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler.linear import solve_each
+from robot_dynamics.newton_euler.screw import apply
 
 DECIDES = 1e-9  # what is left of A_UU + A_UR L, as a part of these, where the motors have no say
 DISPLACEMENT = 1e-6  # [rad or m] for differences
@@ -44,7 +46,7 @@ def accelerated(led, motored, motion, undriven, external_wrenches):
             "accelerates, and the motors cannot. Give efforts and ask for the acceleration, or ask for the equilibrium "
             "at this pose, or ask by joints"
         )
-    return qdd - (moves @ np.linalg.solve(rows @ L, left[..., None]))[..., 0]
+    return qdd - apply(moves, solve_each(rows @ L, left))
 
 
 def at_rest(led, motored, q, undriven, external_wrenches):

@@ -1,6 +1,7 @@
 """URDF to MDH table and back: inverse and direct model and A stay what they are, to 1e-9, on real robots and random
 trees, nearly parallel axes from 1e-12 to 1e-2 rad among them; names, frames and all else come along."""
 
+import os
 import re
 
 import numpy as np
@@ -21,6 +22,7 @@ from robot_dynamics.model.library import load_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snapped
 
 TOLERANCE = 1e-9
+TREES = int(os.environ.get("RANDOM_TREES", "200"))  # of each kind
 
 
 def relative_error(found, expected):
@@ -96,12 +98,12 @@ def test_real_robot_stays_the_same_as_a_table_and_as_a_urdf_again(name, moving_b
     check_conversions(real_urdf(name), moving_base, seed=3)
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(TREES))
 def test_random_tree_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
     check_conversions(random_urdf(seed), bool(seed % 2), seed)
 
 
-@pytest.mark.parametrize("seed", range(200))
+@pytest.mark.parametrize("seed", range(TREES))
 def test_tree_with_nearly_parallel_axes_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
     check_conversions(misaligned_urdf(seed), bool(seed % 2), seed)
 

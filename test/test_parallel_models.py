@@ -70,6 +70,36 @@ def test_second_solution_is_the_first(name):
 
 
 @pytest.mark.parametrize("name", PARALLEL)
+@pytest.mark.parametrize("count", [1, 6, 7])  # six samples look like the six columns of a matrix
+def test_motion_left_out_is_zero_at_each_pose_of_a_batch(name, count):
+    """Also where one twist and acceleration go with many poses."""
+    dynamics, (told, (q, _, _), _) = dynamics_of(name), motions(name)
+    platform, poses, seed, others = dynamics.platform, told[0][:count], q[:count], told[3]
+    others = None if others is None else (others[0][:count],)
+    rest = np.zeros((count, 6))
+    expected = platform.inverse(poses, rest, rest, seed=seed, others=others)
+    np.testing.assert_array_equal(platform.inverse(poses, seed=seed, others=others), expected)
+    twist = told[1][0]
+    np.testing.assert_array_equal(
+        platform.inverse(poses, twist, told[2][0], seed=seed, others=others),
+        platform.inverse(poses, np.tile(twist, (count, 1)), np.tile(told[2][0], (count, 1)), seed=seed, others=others),
+    )
+    found = platform.direct(poses, None, expected, seed=seed, others=others)
+    assert np.abs(found).max() < 1e-8 * max(
+        1, np.abs(platform.direct(poses, None, 0 * expected, seed=seed, others=others)).max()
+    )
+
+
+def test_a_pose_may_be_read_only():
+    platform, (told, _, _) = dynamics_of("gough_stewart").platform, motions("gough_stewart")
+    for pose in (told[0][0], told[0][:3]):
+        pose = pose.copy()
+        expected = platform.inverse(pose)
+        pose.flags.writeable = False
+        np.testing.assert_array_equal(platform.inverse(pose), expected)
+
+
+@pytest.mark.parametrize("name", PARALLEL)
 def test_both_models_are_those_of_multipliers(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
     check_both_models(dynamics, MaximalCoordinates(dynamics.robot), motion, efforts, COMPARED or 20, 1e-8)

@@ -1,6 +1,7 @@
 """Makes .venv: ROS 2 Jazzy from wheels, everything else the project needs, and the project itself.
 
-Run by `make venv` with any Python 3.10 to 3.13; needs nothing but the standard library. The work is a list of steps.
+Run by `make venv` with any Python 3.10 to 3.13; needs nothing but the standard library. With --apt-jazzy it makes
+.venv_apt_jazzy instead, from Python 3.12: the versions that Ubuntu has beside ROS 2 Jazzy. The work is a list of steps.
 What a step was made from is summed up in a fingerprint, kept in .venv/.complete when the step is done: a step is done
 again when its fingerprint, or that of a step before it, is another. When all agree there is nothing to do.
 """
@@ -21,17 +22,19 @@ import time
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parent.parent
-VENV = CHECKOUT / ".venv"
+APT_JAZZY = "--apt-jazzy" in sys.argv[1:]
+VENV = CHECKOUT / (".venv_apt_jazzy" if APT_JAZZY else ".venv")
 PYTHON = VENV / "bin" / "python"
 COMPLETE = VENV / ".complete"
 LOG = VENV / "bootstrap.log"
-LOCK = CHECKOUT / ".venv.lock"
+LOCK = CHECKOUT / f"{VENV.name}.lock"
 INTERFACES = CHECKOUT / "robot_dynamics_interfaces"
 INSTALLED_INTERFACES = VENV / "installed_interfaces.txt"
 CONSTRAINTS = CHECKOUT / "requirements" / "constraints.txt"
+REQUIREMENTS = CHECKOUT / "requirements" / ("apt_jazzy.txt" if APT_JAZZY else "venv.in")
 
 # What these wheels of ROS were built for.
-PYTHON_VERSIONS = ((3, 10), (3, 13))
+PYTHON_VERSIONS = ((3, 12), (3, 12)) if APT_JAZZY else ((3, 10), (3, 13))
 MACHINES = ("x86_64",)
 GLIBC = (2, 28)
 
@@ -90,8 +93,8 @@ def check_python():
     oldest, newest = PYTHON_VERSIONS
     if not oldest <= sys.version_info[:2] <= newest:
         raise BootstrapError(
-            f"the ROS wheels exist for Python {oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}, this is {name}; "
-            "name another: PYTHON=/path/to/python3.12 make venv"
+            f"the packages exist for Python {oldest[0]}.{oldest[1]} to {newest[0]}.{newest[1]}, this is {name}; "
+            "name another: PYTHON=/path/to/python3.12 make ..."
         )
     try:
         import ensurepip  # noqa: F401
@@ -180,7 +183,10 @@ def install_packages():
     VENV.mkdir()
     # The real interpreter: `sys.executable` may lie in the environment that was just removed.
     run(os.path.realpath(getattr(sys, "_base_executable", sys.executable)), "-m", "venv", VENV)
-    pip_install("-r", CHECKOUT / "requirements" / "venv.in")
+    if APT_JAZZY:  # a complete list: some of its wheels ask for a newer NumPy than they need
+        run(PYTHON, "-m", "pip", "install", "--no-deps", "-r", REQUIREMENTS)
+    else:
+        pip_install("-r", REQUIREMENTS)
     correct_include_directories()
 
 
@@ -271,8 +277,8 @@ PACKAGES = Step(
     "packages",
     "installing ROS 2 Jazzy and other packages (1.5 GB; a minute or more)",
     install_packages,
-    "requirements/venv.in",
-    "requirements/constraints.txt",
+    REQUIREMENTS,
+    *(() if APT_JAZZY else (CONSTRAINTS,)),
 )
 INTERFACE_TYPES = Step(
     "interfaces", "building robot_dynamics_interfaces", build_interfaces, "robot_dynamics_interfaces"
@@ -344,6 +350,7 @@ def locked():
 def main():
     parser = argparse.ArgumentParser(description="Make or bring up to date .venv, the project's environment.")
     parser.add_argument("--colcon", action="store_true", help="also install colcon")
+    parser.add_argument("--apt-jazzy", action="store_true", help="make .venv_apt_jazzy, as beside ROS 2 Jazzy from apt")
     parser.add_argument("--this-python", action="store_true", help="remake .venv if it is of another Python version")
     options = parser.parse_args()
     version = "{}.{}".format(*sys.version_info[:2]) if options.this_python else None

@@ -80,29 +80,23 @@ def positions(told, dynamics):
     return dynamics.expand(np.array([given.get(name, 0.0) for name in dynamics.joint_names]))
 
 
-def pictures():
-    """The module that draws, which takes its time to be imported, and what the other verbs do not need."""
-    try:
-        from robot_dynamics.commands import frequency_pictures
-    except ModuleNotFoundError as error:
-        raise QuestionError(f"{error.name}, which draws, is not installed: pip install plotly") from None
-    return frequency_pictures
-
-
 def draw_map(told, dynamics):
+    from robot_dynamics.commands import frequency_pictures  # what draws takes its time to be imported
+
     if told.joints is not None or told.held is not None:
         raise QuestionError("--map goes with --pose, which tells the other coordinates: leave out --joints and --held")
     path = output(told, "map.html", (".html", ".png"))
     axes, at = grid("--map", told.map, counts=(2,)), assignments("--pose", told.pose)
+    if path.suffix == ".html":
+        frequency_pictures.graph_objects()  # missing, it stops the verb before the work
     threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     with bar(100, "poses", "%") as progress:
         found = frequency_map(dynamics, axes, at, told.count, threads, lambda share: progress(100 * share))
-    drawn = pictures()
     if path.suffix == ".png":
         with writing(path):
-            drawn.map_picture(dynamics.robot.name, found, path)
+            frequency_pictures.map_picture(dynamics.robot.name, found, path)
     else:
-        write_text(path, drawn.map_page(dynamics.robot.name, found))
+        write_text(path, frequency_pictures.map_page(dynamics.robot.name, found))
     print(f"{path}: {found.reached.sum()} of {found.reached.size} poses reached")
     if found.reached.any():
         ranges = [(k + 1, *(float(of(found.frequencies[..., k])) for of in (np.nanmin, np.nanmax)))
@@ -111,12 +105,14 @@ def draw_map(told, dynamics):
 
 
 def draw_mode(told, name, elastodynamics, q, found):
+    from robot_dynamics.commands import frequency_pictures
+
     if not 1 <= told.mode <= len(found.frequencies):
         raise QuestionError(f"--mode {told.mode}: there are modes 1 to {len(found.frequencies)}")
     path = output(told, "mode.html", (".html",))
     rests, moves = elastodynamics.node_positions(q, found.mode_shapes[told.mode - 1])
     title = f"mode {told.mode}, {found.frequencies[told.mode - 1]:.4g} Hz"
-    write_text(path, pictures().mode_page(name, title, rests, moves, elastodynamics.segments))
+    write_text(path, frequency_pictures.mode_page(name, title, rests, moves, elastodynamics.segments))
     print(f"{path}: {title}")
 
 

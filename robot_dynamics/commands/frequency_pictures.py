@@ -3,14 +3,19 @@
 from html import escape
 
 import numpy as np
-import plotly.graph_objects as go
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from robot_dynamics.optional import import_optional
 from robot_dynamics.pose_map import UNITS
 
 FRAMES = 24
 DEFLECTION = 0.12  # of the size of the robot, to which modes are drawn
+
+
+def graph_objects():
+    """The module of plotly that draws. Raises MissingPackageError."""
+    return import_optional("plotly.graph_objects", "a picture in HTML")
 
 
 def _page(figure, title):
@@ -20,6 +25,7 @@ def _page(figure, title):
 
 def map_page(name, found):
     """The HTML of a FrequencyMap over two coordinates: one frequency at a time, which a menu chooses."""
+    go = graph_objects()
     (first, rows), (second, columns) = found.axes.items()
     figure = go.Figure()
     for k in range(found.frequencies.shape[-1]):
@@ -65,6 +71,7 @@ def mode_page(name, title, rests, moves, segments):
 
     rests, moves: (nodes, 3) [m] where the nodes are and how they move, to any scale; segments: pairs of nodes.
     """
+    go = graph_objects()
     size, largest = np.ptp(rests, axis=0).max(), np.abs(moves).max()
     moves = moves * (DEFLECTION * size / largest if largest > 0 else 0.0)
     ends = np.array([[a, b, -1] for a, b in segments]).ravel()

@@ -48,12 +48,15 @@ def run(told):
         raise RecordingError(f"--hold-out {told.hold_out:g}: a part of the recording, 0 to 0.95, is needed")
     if told.hold_out and told.validate:
         raise RecordingError("--hold-out and --validate: one of the two says what to validate with")
+    from robot_dynamics.identification.consistent import consistent, convex_solver
     from robot_dynamics.identification.fitting import essential
     from robot_dynamics.replay.drives import write_drives
 
+    if told.output or told.output_drives:
+        convex_solver()  # missing, it stops the verb before the work
     with workers(told) as executor:
         fit, samples, gains = _fitted(told, dynamics, recordings, executor)
-        nearest = _consistent(fit) if told.output or told.output_drives else None
+        nearest = consistent(fit) if told.output or told.output_drives else None
         checked = None if nearest is None else samples.quality(nearest.values)
     needed = essential(fit)
     print_fit(fit, needed, checked)
@@ -94,14 +97,6 @@ def _fitted(told, dynamics, recordings, executor):
         validation = samples_of(recordings[many:], columns)
     fit = fitted(samples, method=told.method, validation=validation)
     return (fit if gains is None else gains.counted_in(fit)), samples, gains
-
-
-def _consistent(fit):
-    try:
-        from robot_dynamics.identification.consistent import consistent
-    except ModuleNotFoundError as error:
-        raise RecordingError(f"{error.name} is not installed: pip install clarabel") from None
-    return consistent(fit)
 
 
 def print_fit(fit, needed, consistent):

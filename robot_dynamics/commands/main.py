@@ -5,24 +5,31 @@ import logging
 import os
 import sys
 
-from robot_dynamics.commands import (
-    convert,
-    count,
-    excite,
-    frequencies,
-    generate,
-    identify,
-    map,
-    replay_check,
-    schema,
-    shipped,
-    show,
-)
-from robot_dynamics.commands.written import refuse_overwriting
 from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.optional import missing_package
 
 INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
-VERBS = (show, convert, generate, count, map, frequencies, replay_check, identify, excite, shipped, schema)
+
+
+def verb_modules():
+    """The modules of the verbs. Raises MissingPackageError where a package that all need is not installed."""
+    try:
+        from robot_dynamics.commands import (
+            convert,
+            count,
+            excite,
+            frequencies,
+            generate,
+            identify,
+            map,
+            replay_check,
+            schema,
+            shipped,
+            show,
+        )
+    except ModuleNotFoundError as error:
+        raise missing_package(error, "robot-dynamics") from error
+    return show, convert, generate, count, map, frequencies, replay_check, identify, excite, shipped, schema
 
 
 def main(arguments=None):
@@ -32,7 +39,14 @@ def main(arguments=None):
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb in VERBS:
+    try:
+        modules = verb_modules()
+    except RobotDynamicsError as error:
+        print(error, file=sys.stderr)
+        return 1
+    from robot_dynamics.commands.written import refuse_overwriting
+
+    for verb in modules:
         summary = verb.__doc__.splitlines()[0]
         verb_parser = verbs.add_parser(verb.NAME, help=summary, description=verb.__doc__,
                                        formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
@@ -43,12 +57,16 @@ def main(arguments=None):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
     logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
+    logging.getLogger("robot_dynamics.model.formats").setLevel(logging.WARNING)  # but what was left out of a text
     try:
         refuse_overwriting(told)
         status = told.run(told)
         sys.stdout.flush()
     except RobotDynamicsError as error:
         print(f"robot-dynamics {told.verb}: {error}", file=sys.stderr)
+        return 1
+    except ModuleNotFoundError as error:
+        print(missing_package(error, f"robot-dynamics {told.verb}"), file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of our output, a pager or head, has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

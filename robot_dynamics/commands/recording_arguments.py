@@ -26,11 +26,10 @@ def add_recording_arguments(parser, recordings):
 
 def opened(told, paths):
     """(Dynamics, the Recordings at paths) of parsed arguments. Raises RobotDynamicsError."""
-    try:  # here, so that the other verbs neither need nor load what reads bags
-        from robot_dynamics.replay.drives import load_drives
-        from robot_dynamics.replay.recordings import moving_base, open_recording
-    except ModuleNotFoundError as error:
-        raise RecordingError(f"{error.name} is not installed: pip install rosbags mcap plotly tqdm") from None
+    # here, so that the other verbs do not load what filters recordings
+    from robot_dynamics.replay.drives import load_drives
+    from robot_dynamics.replay.recordings import moving_base, open_recording
+
     if told.rate is not None and not 0 < told.rate < 1e6:
         raise RecordingError(f"--rate {told.rate:g}: samples per second are needed")
     dynamics = Dynamics(robot_of(told))

@@ -41,6 +41,10 @@ def run(told):
     paths = list(dict.fromkeys(told.recordings))
     if len(paths) > 1 and (told.golden or told.write_golden):
         raise RecordingError("--golden and --write-golden go with one recording, and here are several")
+    if told.report:
+        from robot_dynamics.replay.report import plotly
+
+        plotly("graph_objects")  # missing, it stops the verb before the work
     with workers(told) as executor:
         return _run_one(told) if len(paths) == 1 and executor is None else _run_many(told, paths, executor)
 
@@ -117,7 +121,7 @@ def _names(paths):
 
 def _write_figures(found, report_path, pictures_path):
     if report_path:
-        from robot_dynamics.replay.report import report  # plotly takes its time to be imported
+        from robot_dynamics.replay.report import report
 
         write_text(report_path, report(found))
     if pictures_path:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 
 from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.optional import import_optional
 
 CONNECTED = 10  # [s] in which a scheduler must answer
 STAFFED = 30  # [s] in which it must have a worker
@@ -62,11 +63,8 @@ def _processes(jobs):
 
 @contextmanager
 def _cluster(address):
-    try:
-        from distributed import Client
-        from distributed.scheduler import KilledWorker
-    except ModuleNotFoundError as error:
-        raise RobotDynamicsError(f"{error.name} is not installed: pip install 'dask[distributed]'") from None
+    Client = import_optional("distributed", "--scheduler").Client
+    KilledWorker = import_optional("distributed.scheduler", "--scheduler").KilledWorker
     try:
         client = Client(address, timeout=CONNECTED, set_as_default=False)
     except (OSError, ValueError) as error:  # OSError is a time-out too

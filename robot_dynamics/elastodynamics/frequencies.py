@@ -14,6 +14,8 @@ STILL = 1e-12  # an eigenvalue below this part of the greatest is that of a mech
 def natural_frequencies(mass, stiffness):
     """Frequencies (n,) [Hz] of matrices (n, n), ascending: sqrt(eig(M⁻¹ K)) / 2π. Those of motions without stiffness
     are zero, those of motions without mass inf."""
+    if not mass.size:  # which SciPy 1.11 refuses
+        return np.zeros(0)
     scale = _scale(mass)
     M, K = mass / scale, stiffness / scale
     if _is_definite(M):
@@ -23,6 +25,8 @@ def natural_frequencies(mass, stiffness):
 
 def modes(mass, stiffness):
     """(frequencies (n,), shapes (n, n)): as `natural_frequencies`, and for each a row φ with φᵀ M φ = 1, or zeros."""
+    if not mass.size:
+        return np.zeros(0), np.zeros((0, 0))
     scale = _scale(mass)
     M, K = mass / scale, stiffness / scale
     values, vectors = eigh(K, M, check_finite=False) if _is_definite(M) else _condensed(M, K)
@@ -45,7 +49,7 @@ def _scale(mass):
 
 def _is_definite(M):
     try:
-        pivots = np.diagonal(cholesky(M, check_finite=False)) if M.size else np.ones(1)
+        pivots = np.diagonal(cholesky(M, check_finite=False))
     except LinAlgError:
         return False
     return bool(pivots.min() ** 2 > MASSLESS)

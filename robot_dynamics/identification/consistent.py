@@ -8,7 +8,6 @@ motion does not show, the description's own values are kept as far as they can b
 
 from dataclasses import dataclass, replace
 
-import clarabel
 import numpy as np
 from scipy import sparse
 
@@ -16,6 +15,7 @@ from robot_dynamics.errors import SingularModelError
 from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.regressor import BODY, DRIVE
+from robot_dynamics.optional import import_optional
 from robot_dynamics.replay.drives import LOSSES, Drives
 
 LEAST_MASS = 0.05  # [kg] scale of links of which the description tells no mass
@@ -39,10 +39,15 @@ class Identified:
     values: np.ndarray
 
 
+def convex_solver():
+    """The package clarabel. Raises MissingPackageError."""
+    return import_optional("clarabel", "finding inertias that bodies can have")
+
+
 def consistent(fit):
     """The Identified robot nearest to a Fit, in the squares of residuals that it minimises.
 
-    Raises SingularModelError where none is found.
+    Raises SingularModelError where none is found, MissingPackageError where the solver is not installed.
     """
     columns = fit.columns
     robot, names = columns.dynamics.robot, columns.base.names
@@ -75,7 +80,7 @@ def _scales(robot):
 
 def _cones(robot, columns, size, scale):
     """(cones, A, b): what x in units of scale must be so that b - A x is in the cones of clarabel."""
-    names = list(columns.base.names)
+    clarabel, names = convex_solver(), list(columns.base.names)
     cones, rows, least = [], [], []
     drive = [column for column, name in enumerate(names) if name.partition(".")[0] in DRIVE]
     motors = [column for column in drive if not (names[column].startswith("Ia.") and not _has_rotors(columns))]
@@ -114,6 +119,7 @@ def _unit(column, size, value):
 
 
 def _minimised(P, q, A, b, cones):
+    clarabel = convex_solver()
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(A), b, cones, settings)

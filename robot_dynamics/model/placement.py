@@ -1,6 +1,7 @@
 """Constant placements of frames: homogeneous matrices (4, 4), the pose of a frame j in a frame i, written iTj."""
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 
 def placement(rotation=None, translation=None):
@@ -17,6 +18,11 @@ def inverse(matrix):
     """jTi from iTj, by the transposed rotation."""
     rotation = matrix[:3, :3].T
     return placement(rotation, -rotation @ matrix[:3, 3])
+
+
+def as_rotation(matrices: np.ndarray) -> Rotation:
+    """Rotation matrices (3, 3) or (N, 3, 3) as SciPy's Rotation; read-only ones too, which SciPy 1.11 refuses."""
+    return Rotation.from_matrix(np.array(matrices))
 
 
 def rotation_with_z_along(axis):

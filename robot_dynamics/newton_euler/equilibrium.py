@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_dynamics.newton_euler.elastic import spring_force
+from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.walker_orin import bias
 
 ITERATIONS = 300
@@ -116,7 +117,7 @@ def _moved(forces, found, left, K, rests, longest):
     smallest = np.linalg.eigvalsh((K + np.swapaxes(K, -1, -2)) / 2).min(axis=-1)
     damping = np.where(smallest < SOFTEST, SOFTEST - smallest + np.abs(smallest), 0.0)
     matrix = K + damping[..., None, None] * np.eye(K.shape[-1])
-    step = -s * np.linalg.solve(matrix, (s * left)[..., None])[..., 0]
+    step = -s * solve_each(matrix, s * left)
     step = step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True))
     downhill = -(left * step).sum(axis=-1, keepdims=True)
     share = np.ones((*step.shape[:-1], 1))

@@ -1,4 +1,5 @@
-"""Linear systems over generic scalars and batches, symmetric positive definite: no pivoting, no branch on values."""
+"""Linear systems in batches. Those over generic scalars are symmetric positive definite: no pivoting, no branch on
+values."""
 
 import numpy as np
 
@@ -30,3 +31,28 @@ def solve(factors, right_side):
     for i in reversed(range(size)):
         x[i] = x[i] - sum(L[k][i] * x[k] for k in range(i + 1, size))
     return np.stack(np.broadcast_arrays(*x), axis=-1)
+
+
+def solve_each(matrix: np.ndarray, right_side: np.ndarray) -> np.ndarray:
+    """Solve one square system of numbers per sample; the same on NumPy 1.26 and 2.
+
+    `np.linalg.solve` itself reads a right side of shape (m, 1) beside matrices of shape (N, m, m) as m vectors of
+    length 1 on NumPy 1, and as one column on NumPy 2.
+
+    Parameters
+    ----------
+    matrix : (..., m, m)
+    right_side : (..., m); its batch axes broadcast with those of `matrix`.
+
+    Returns
+    -------
+    x : (..., m), such that matrix @ x = right_side.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        Where a matrix is singular.
+    """
+    batch = np.broadcast_shapes(matrix.shape[:-2], right_side.shape[:-1])
+    columns = np.broadcast_to(right_side, (*batch, right_side.shape[-1]))[..., None]
+    return np.linalg.solve(matrix, columns)[..., 0]

@@ -21,10 +21,12 @@ from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.errors import MissingPackageError, RobotDynamicsError
 from robot_dynamics.model.library import load_robot
 from robot_dynamics.nodes.messages import nanoseconds, read_twist
+from robot_dynamics.nodes.recorder import Recorder
 from robot_dynamics.nodes.running import running_node
+from robot_dynamics.replay.bags import rosbag2
 
 FREQUENCY = 3.0  # [Hz], critically damped
 GAINS = {"kp": [(2 * np.pi * FREQUENCY) ** 2], "kd": [4 * np.pi * FREQUENCY]}
@@ -169,9 +171,9 @@ def loop_of(caller, robot, namespace, simulator):
 def recorded(caller, loop, namespace, path):
     """The Recorder of a Loop, into a bag that may be there already; None where nothing can write one."""
     try:
-        from robot_dynamics.nodes.recorder import Recorder
-    except ImportError as error:
-        print(f"no bag is written: {error}. pip install rosbags mcap")
+        rosbag2()
+    except MissingPackageError as error:
+        print(f"no bag is written: {error}")
         return nullcontext()
     if path.exists():
         if {file.suffix for file in path.iterdir()} - {".mcap", ".yaml"}:

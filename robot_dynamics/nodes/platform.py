@@ -1,10 +1,10 @@
 """The platforms of a parallel robot in messages: their state stands in the field base, as that of a moving base."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from robot_dynamics.errors import QuestionError
+from robot_dynamics.model.placement import as_rotation
 from robot_dynamics.nodes.messages import read_points, require_empty, write_transform, write_twist
 
 
@@ -99,7 +99,7 @@ def write_platforms(points, motion, dynamics):
         told = [values[:, None] for values in told]
     answer = MultiDOFJointTrajectory(joint_names=list(platform.links))
     for point, poses, twists, accelerations in zip(points, *told, strict=True):
-        rotations = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
+        rotations = as_rotation(poses[:, :3, :3]).as_quat()
         answer.points.append(
             MultiDOFJointTrajectoryPoint(
                 transforms=[write_transform(pose[:3, 3], turn) for pose, turn in zip(poses, rotations, strict=True)],

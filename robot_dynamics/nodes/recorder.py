@@ -1,7 +1,6 @@
 """Messages of a node's topics, written as they come into a bag that rosbag2, Foxglove and PlotJuggler read (MCAP)."""
 
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from robot_dynamics.replay.bags import rosbag2, typestore
 
 DEEP = 2000  # messages that may wait
 
@@ -14,12 +13,12 @@ class Recorder:
 
     def __init__(self, node, path, topics, now):
         self._node, self._now = node, now
-        self._writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self._writer = rosbag2().Writer(path, version=9, storage_plugin=rosbag2().StoragePlugin.MCAP)
         self._topics, self.count = topics, 0
 
     def __enter__(self):
         self._writer.open()
-        store = get_typestore(Stores.ROS2_JAZZY)
+        store = typestore()
         self._held = []
         for name, kind in self._topics.items():
             package, _, _ = kind.__module__.split(".", 2)

@@ -5,9 +5,9 @@ from array import array
 import numpy as np
 from geometry_msgs.msg import AccelStamped, TransformStamped
 from nav_msgs.msg import Odometry
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 
+from robot_dynamics.model.placement import as_rotation
 from robot_dynamics.nodes.messages import write_accel, write_pose, write_transform, write_twist
 
 
@@ -31,7 +31,7 @@ def odometry(state, stamp, odom_frame, base_frame):
     """nav_msgs/Odometry: the pose of the base in the world, its twist in its own frame."""
     message = Odometry(child_frame_id=base_frame)
     message.header.stamp, message.header.frame_id = stamp, odom_frame
-    message.pose.pose = write_pose(state.pose[:3, 3], Rotation.from_matrix(state.pose[:3, :3]).as_quat())
+    message.pose.pose = write_pose(state.pose[:3, 3], as_rotation(state.pose[:3, :3]).as_quat())
     message.twist.twist = write_twist(state.twist)
     return message
 
@@ -40,7 +40,7 @@ def transform(state, stamp, odom_frame, base_frame):
     """geometry_msgs/TransformStamped of the same pose, for /tf."""
     message = TransformStamped(child_frame_id=base_frame)
     message.header.stamp, message.header.frame_id = stamp, odom_frame
-    message.transform = write_transform(state.pose[:3, 3], Rotation.from_matrix(state.pose[:3, :3]).as_quat())
+    message.transform = write_transform(state.pose[:3, 3], as_rotation(state.pose[:3, :3]).as_quat())
     return message
 
 

@@ -7,10 +7,8 @@ import re
 from contextlib import ExitStack
 from pathlib import Path
 
-from rosbags.rosbag2 import Reader
-from rosbags.typesys import Stores, get_typestore
-
 from robot_dynamics.errors import RecordingError, unknown_name
+from robot_dynamics.optional import import_optional
 from robot_dynamics.replay.base_motion import OdometryReader
 from robot_dynamics.replay.broken_bags import MCAP_MAGIC, SQLITE_MAGIC, mcap_until_broken, sqlite_until_broken
 from robot_dynamics.replay.joint_sample import joint_sample
@@ -20,13 +18,26 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 STORAGES = (".mcap", ".db3")
 
 
+def rosbag2():
+    """The module of the package `rosbags` that reads and writes bags. Raises MissingPackageError."""
+    return import_optional("rosbags.rosbag2", "reading or writing a bag")
+
+
+def typestore():
+    """The message types of ROS 2 Jazzy, of the package `rosbags`. Raises MissingPackageError."""
+    typesys = import_optional("rosbags.typesys", "reading or writing a bag")
+    return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+
+
 class Bag:
     """A bag: `topics` {name: type}; `notes`, sentences on what is wrong with it; `samples`, as often as asked for.
 
-    path: a Path of a folder or a file. Raises RecordingError where nothing in it can be read.
+    path: a Path of a folder or a file. Raises RecordingError where nothing in it can be read, MissingPackageError
+    where the package that reads bags is not installed.
     """
 
     def __init__(self, path):
+        rosbag2()  # before anything that would take its absence for a fault of the file
         self.path, self.notes = path, []
         self._parts = [path]
         if path.is_dir() and (trouble := _trouble(path)):
@@ -69,7 +80,7 @@ class Bag:
 
     def samples(self, topics, base=None):
         """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the link `base`."""
-        store, unread = get_typestore(Stores.ROS2_JAZZY), 0
+        store, unread = typestore(), 0
         odometry = OdometryReader(base)
         for topic, recorded, data in self._messages(topics):
             try:
@@ -94,7 +105,7 @@ class Bag:
     def _whole(self, part, topics):
         count = 0
         with ExitStack() as stack:
-            reader = stack.enter_context(Reader(part))
+            reader = stack.enter_context(rosbag2().Reader(part))
             connections = [connection for connection in reader.connections if connection.topic in topics]
             try:
                 for connection, recorded, data in reader.messages(connections) if connections else ():
@@ -107,7 +118,7 @@ class Bag:
     def _listed(self, part):
         """(topic, type, messages) of a part."""
         if not self._broken[part]:
-            with Reader(part) as reader:
+            with rosbag2().Reader(part) as reader:
                 return [(each.topic, each.msgtype, each.msgcount) for each in reader.connections]
         counts = {}
         for topic, kind, _, _ in _until_broken(part, self.note):
@@ -118,7 +129,7 @@ class Bag:
 def _trouble(path):
     """Why `rosbags` refuses a bag; empty where it does not."""
     try:
-        with Reader(path):
+        with rosbag2().Reader(path):
             return ""
     except Exception as error:
         return " ".join(str(error).split())[:200] or type(error).__name__

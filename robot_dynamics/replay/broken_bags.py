@@ -8,8 +8,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from urllib.parse import quote
 
-from mcap.reader import NonSeekingReader
-
+from robot_dynamics.optional import import_optional
 from robot_dynamics.replay.sqlite_pages import Pages
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
@@ -19,10 +18,10 @@ MOST_TOPICS = 10_000
 
 def mcap_until_broken(path, broken):
     """Messages of an MCAP file without its end, in the order in which they were written."""
-    count = 0
+    count, reader = 0, import_optional("mcap.reader", "reading an MCAP file that breaks off")
     with path.open("rb") as file:
         try:
-            for schema, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+            for schema, channel, message in reader.NonSeekingReader(file).iter_messages(log_time_order=False):
                 yield channel.topic, schema.name if schema else "", message.log_time, message.data
                 count += 1
         # what decompression, struct and text decoding raise where bytes are missing is no family of errors

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.replay.averages import Averages
 from robot_dynamics.replay.fault_signals import Signals
 from robot_dynamics.replay.whitening import Whitening
@@ -132,7 +133,7 @@ class Evidence:
         squares, products = noise.sums(columns, white, joints)
         if kind in ("payload", "friction"):
             squares = squares + (1e-6 * np.trace(squares[0]) + 1e-12) * np.eye(squares.shape[-1])
-            sizes = np.linalg.solve(squares, products[..., None])[..., 0]
+            sizes = solve_each(squares, products)
             gains = np.einsum("ta,ta->t", sizes, products)
         else:
             sizes, gains = np.ones((len(white), 1)), 2 * products[:, 0] - squares[:, 0, 0]

@@ -5,11 +5,9 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.replay.bags import JOINT_STATE, Bag
+from robot_dynamics.replay.bags import JOINT_STATE, Bag, rosbag2, typestore
 
 TOPIC = "/predicted_effort"
 SAME_TIME = 1_000  # [ns] between stamps that are the same
@@ -19,19 +17,19 @@ SAME_EFFORT = 1e-6  # part of the largest effort of a joint that rounding and co
 class GoldenWriter:
     """Writes a bag of JointStates on TOPIC: filtered positions and velocities, predicted efforts. A context manager.
 
-    path: of a folder that is not there yet. Raises RecordingError.
+    path: of a folder that is not there yet. Raises RecordingError, MissingPackageError.
     """
 
     def __init__(self, path, joint_names):
         self.path, self._names = Path(path), list(joint_names)
         if self.path.exists():
             raise RecordingError(f"{self.path} is there already: a new folder is needed for the golden bag")
-        self._store = get_typestore(Stores.ROS2_JAZZY)
+        self._store = typestore()
 
     def __enter__(self):
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer = rosbag2().Writer(self.path, version=9, storage_plugin=rosbag2().StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
             raise RecordingError(f"{self.path} cannot be written: {error.strerror}") from None

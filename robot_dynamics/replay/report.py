@@ -2,10 +2,7 @@
 
 from html import escape
 
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
-from plotly.subplots import make_subplots
-
+from robot_dynamics.optional import import_optional
 from robot_dynamics.replay.pictures import FAULT, MEASURED, PREDICTED, RESIDUAL
 
 HEAD = ("joint", "verdict", "RMS", "tolerated", "RMS / spread", "largest", "at [s]", "bias", "correlation", "scale",
@@ -23,8 +20,13 @@ th:first-child, td:first-child, th:last-child, td:last-child { text-align: left 
 """
 
 
+def plotly(module):
+    """A module of the package that draws. Raises MissingPackageError."""
+    return import_optional(f"plotly.{module}", "a report")
+
+
 def report(check):
-    """The text of the HTML file."""
+    """The text of the HTML file. Raises MissingPackageError where plotly is not installed."""
     figures = [(f"joint-{column}", _joint_figure(check, column)) for column in range(len(check.verdicts))]
     figures += [("histograms", _histograms(check)), ("friction", _friction(check))]
     titles = [verdict.joint.joint for verdict in check.verdicts]
@@ -35,7 +37,8 @@ def report(check):
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         f"<title>{escape(check.recording)} against {escape(check.robot)}</title>",
-        f"<link rel='icon' href='data:,'><style>{STYLE}</style><script>{get_plotlyjs()}</script></head><body>",
+        f"<link rel='icon' href='data:,'><style>{STYLE}</style>",
+        f"<script>{plotly('offline').get_plotlyjs()}</script></head><body>",
         f"<h1>{escape(check.recording)} {_badge(check.passed)}</h1>",
         f"<p>against robot <b>{escape(check.robot)}</b>: {check.comparison.samples} samples at {check.rate:.5g} Hz, "
         f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay. Efforts in N m (N where a joint "
@@ -84,9 +87,10 @@ def _notes(check):
 
 
 def _joint_figure(check, column):
+    go, subplots = plotly("graph_objects"), plotly("subplots")
     times, measured, predicted, _ = check.comparison.pictured
     verdict = check.verdicts[column]
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
+    figure = subplots.make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
     for row, values, name, colour in (
         (1, measured[:, column], "measured", MEASURED),
         (1, predicted[:, column], "predicted", PREDICTED),
@@ -104,14 +108,16 @@ def _joint_figure(check, column):
 
 def _histograms(check):
     _, measured, predicted, _ = check.comparison.pictured
-    return _grid(check, lambda column: go.Histogram(x=(measured - predicted)[:, column], nbinsx=80,
+    Histogram = plotly("graph_objects").Histogram
+    return _grid(check, lambda column: Histogram(x=(measured - predicted)[:, column], nbinsx=80,
                                                     marker_color=RESIDUAL))  # fmt: skip
 
 
 def _friction(check):
     _, measured, predicted, velocities = check.comparison.pictured
     some = slice(None, None, max(1, len(measured) // MOST_DOTS))
-    return _grid(check, lambda column: go.Scatter(
+    Scatter = plotly("graph_objects").Scatter
+    return _grid(check, lambda column: Scatter(
         x=velocities[some, column], y=(measured - predicted)[some, column], mode="markers",
         marker={"size": 3, "color": MEASURED}))  # fmt: skip
 
@@ -119,7 +125,8 @@ def _friction(check):
 def _grid(check, trace):
     n = len(check.verdicts)
     rows = -(-n // 3)
-    figure = make_subplots(rows=rows, cols=3, subplot_titles=[verdict.joint.joint for verdict in check.verdicts])
+    titles = [verdict.joint.joint for verdict in check.verdicts]
+    figure = plotly("subplots").make_subplots(rows=rows, cols=3, subplot_titles=titles)
     for column in range(n):
         figure.add_trace(trace(column), row=1 + column // 3, col=1 + column % 3)
     figure.update_layout(showlegend=False)

@@ -60,12 +60,19 @@ class PythonProgram:
 
     def batch(self, *arrays, out=None, threads=1):
         """As CompiledProgram.batch, by columns of NumPy."""
-        results = self._many(*arrays)
+        samples = next((len(array) for array in arrays if np.ndim(array) == 2), None)
+        results = self._many(*(_for_each(array, samples) for array in arrays))
         if out is None:
             return results
-        for target, result in zip([out] if len(self.program.outputs) == 1 else out, results, strict=True):
+        alone = len(self.program.outputs) == 1
+        for target, result in zip([out] if alone else out, [results] if alone else results, strict=True):
             target[...] = result
         return out
+
+
+def _for_each(array, samples):
+    """An array (size,) as rows (samples, size) that are all the same; others as they are."""
+    return array if np.ndim(array) != 1 or samples is None else np.broadcast_to(array, (samples, len(array)))
 
 
 class CompiledModels:

@@ -27,6 +27,7 @@ def test_elastic_gears_of_an_arm(capsys):
 
 
 def test_a_mode_and_a_map_are_drawn(tmp_path, capsys):
+    pytest.importorskip("plotly", reason="plotly, which draws in HTML, is not installed")
     mode, picture = tmp_path / "mode.html", tmp_path / "map.html"
     assert "mode 2, 4" in printed(["navaro", "--mode", "2", "--output", str(mode)], capsys)
     assert "<script src" not in mode.read_text()
@@ -35,6 +36,12 @@ def test_a_mode_and_a_map_are_drawn(tmp_path, capsys):
     )
     assert "6 of 6 poses reached" in out
     assert "Plotly.newPlot" in picture.read_text()
+
+
+def test_a_map_is_drawn_as_a_picture(tmp_path, capsys):
+    picture = tmp_path / "map.png"
+    out = printed(["navaro", "--map", "x:-0.01:0.01:2,y:-0.1:0.1:2", "--count", "2", "--output", str(picture)], capsys)
+    assert "4 of 4 poses reached" in out and picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
-from distributed import LocalCluster
 from peers.recorded import JOINTS, messages, panda_motion, write_bag
 
 from robot_dynamics.commands.main import main
@@ -29,6 +28,7 @@ def bags(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cluster():
+    LocalCluster = pytest.importorskip("distributed", reason="dask[distributed] is not installed").LocalCluster
     with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
                       silence_logs="ERROR") as started:  # fmt: skip
         yield started

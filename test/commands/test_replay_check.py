@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
-from peers.recorded import BEGINNING, JOINTS, STORE, messages, panda_motion, write_bag
-from playwright.sync_api import sync_playwright
+from peers.recorded import BEGINNING, JOINTS, messages, panda_motion, store, write_bag
 
 from robot_dynamics.commands.main import main
 from robot_dynamics.model.library import shipped_robots
@@ -57,7 +56,7 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
     text = tmp_path / "notes.mcap"
     text.write_text("hello")
     short = write_bag(tmp_path / "short", messages(MOTION)[:2])
-    string = STORE.types["std_msgs/msg/String"]("hello")
+    string = store().types["std_msgs/msg/String"]("hello")
     chatter = write_bag(tmp_path / "chatter", [("/chatter", string)])
     lame = write_bag(tmp_path / "lame", messages(MOTION._replace(q=MOTION.q[:, :6]), JOINTS[:6]))
     silent = write_bag(tmp_path / "silent", messages(MOTION._replace(efforts=0 * MOTION.efforts)))
@@ -120,7 +119,8 @@ def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, ca
 def browser():
     if not Path(CHROMIUM).exists():
         pytest.skip(f"no {CHROMIUM}: apt install chromium")
-    with sync_playwright() as playwright:
+    api = pytest.importorskip("playwright.sync_api", reason="playwright, which opens reports, is not installed")
+    with api.sync_playwright() as playwright:
         launched = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield launched
         launched.close()

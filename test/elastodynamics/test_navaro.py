@@ -82,6 +82,7 @@ def test_a_batch_is_its_samples_and_a_program_the_recursion(dynamics):
     one_by_one = np.array([elastodynamics.frequencies(pose=pose) for pose in poses])
     assert np.abs(elastodynamics.frequencies(pose=poses) / one_by_one - 1).max() < 1e-9
     recursion = elastodynamics.matrices(pose=poses)
+    pytest.importorskip("llvmlite")
     elastodynamics.compile()
     program = elastodynamics.matrices(pose=poses)
     for name in ("mass", "stiffness", "expansion"):

@@ -67,6 +67,7 @@ def test_ur10_of_two_thousand_samples_fits_the_others(ur10):
 
 
 def test_the_fitted_ur10_passes_the_tolerances_that_ship(ur10, tmp_path):
+    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
     found = consistent(ur10.fit())
     (tmp_path / "drives.yaml").write_text(write_drives(found.drives))
     dynamics = Dynamics(load_robot(write_mdh_yaml(found.robot), strict=True))

@@ -25,3 +25,24 @@ def test_indefinite_matrix_has_a_pivot_that_is_not_positive(size, seed):
     turn = np.linalg.qr(rng.normal(size=(size, size)))[0]
     matrix = turn @ np.diag([-1.0, *rng.uniform(0.1, 2, size - 1)]) @ turn.T
     assert min(linear.factor(matrix)[1]) <= 0
+
+
+@given(st.integers(1, 6), st.integers(0, 2**32 - 1))
+def test_batches_of_general_systems(size, seed):
+    """Also where the matrix has more batch axes than the right side, or fewer, and where a batch is as long as m."""
+    rng = np.random.default_rng(seed)
+    for of_matrix, of_right in (
+        ((), ()),
+        ((size,), ()),
+        ((3,), ()),
+        ((), (size,)),
+        ((2, size), (size,)),
+        ((3, 1), (4,)),
+    ):
+        matrix = rng.normal(size=(*of_matrix, size, size)) + 4 * size * np.eye(size)
+        right = rng.normal(size=(*of_right, size))
+        x = linear.solve_each(matrix, right)
+        assert x.shape == (*np.broadcast_shapes(of_matrix, of_right), size)
+        np.testing.assert_allclose(
+            np.einsum("...ij,...j->...i", matrix, x), np.broadcast_to(right, x.shape), atol=1e-12
+        )

@@ -5,18 +5,36 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+import pytest
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics.model.library import shipped_robots
 
 JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 MIDDLE = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.3])
-STORE = get_typestore(Stores.ROS2_JAZZY)
 BEGINNING = 1_600_000_000_000_000_000
 # what real data the workplace has beside the checkout; tests that read it are skipped where it is not
 REAL_DATA = Path(__file__).parents[3] / "shared" / "data"
+
+
+class Stamp(NamedTuple):
+    sec: int
+    nanosec: int
+
+
+class Header(NamedTuple):
+    stamp: Stamp
+    frame_id: str = ""
+
+
+class JointState(NamedTuple):
+    """What a sensor_msgs/msg/JointState tells, where no package has that type."""
+
+    header: Header
+    name: list
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
 
 
 class Motion(NamedTuple):
@@ -83,14 +101,10 @@ def loaded_panda(mass, centre=(0.0, 0.0, 0.1), moment=0.0):
 
 
 def message(time, names, position, velocity=(), effort=()):
-    """A JointState of `rosbags`, `time` [s] after BEGINNING."""
-    types = STORE.types
-    stamp = BEGINNING + round(time * 1e9)
-    header = types["std_msgs/msg/Header"](
-        types["builtin_interfaces/msg/Time"](stamp // 1_000_000_000, stamp % 1_000_000_000), ""
-    )
+    """A JointState, `time` [s] after BEGINNING."""
+    stamp = Stamp(*divmod(BEGINNING + round(time * 1e9), 1_000_000_000))
     arrays = (np.array(values, dtype=float) for values in (position, velocity, effort))
-    return types["sensor_msgs/msg/JointState"](header, list(names), *arrays)
+    return JointState(Header(stamp), list(names), *arrays)
 
 
 def messages(motion, names=JOINTS):
@@ -98,12 +112,26 @@ def messages(motion, names=JOINTS):
             for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)]  # fmt: skip
 
 
+def store():
+    """The message types of `rosbags`; skips the test where that is not installed."""
+    typesys = pytest.importorskip("rosbags.typesys", reason="rosbags, which writes bags, is not installed")
+    return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
+
+
+def of_rosbags(told, types):
+    """The message of `rosbags` that a JointState is; other messages as they are."""
+    if not isinstance(told, JointState):
+        return told
+    stamp = types["builtin_interfaces/msg/Time"](*told.header.stamp)
+    return types["sensor_msgs/msg/JointState"](types["std_msgs/msg/Header"](stamp, told.header.frame_id), *told[1:])
+
+
 def odometry(time, pose, twist):
     """An Odometry of `rosbags`: pose (4, 4) and twist (6,) of a base, `time` [s] after BEGINNING."""
-    types = STORE.types
+    types = store().types
     kinds = {name: types[f"geometry_msgs/msg/{name}"] for name in (
         "Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")}  # fmt: skip
-    header = message(time, (), ()).header
+    header = of_rosbags(message(time, (), ()), types).header
     turned = kinds["Quaternion"](*Rotation.from_matrix(pose[:3, :3]).as_quat())
     placed = kinds["PoseWithCovariance"](kinds["Pose"](kinds["Point"](*pose[:3, 3]), turned), np.zeros(36))
     moved = kinds["Twist"](kinds["Vector3"](*twist[:3]), kinds["Vector3"](*twist[3:]))
@@ -112,18 +140,23 @@ def odometry(time, pose, twist):
 
 
 def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states"):
-    """Write messages, or (topic, message) pairs, into a new bag, as fast as they are stamped."""
-    pairs = [each if isinstance(each, tuple) else (topic, each) for each in told]
+    """Write messages, or (topic, message) pairs, into a new bag, as fast as they are stamped. Skips the test where
+    `rosbags` is not installed."""
+    types = store()
+    from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
+
+    pairs = [each if type(each) is tuple else (topic, each) for each in told]
+    pairs = [(name, of_rosbags(value, types.types)) for name, value in pairs]
     kinds = {name: value.__msgtype__ for name, value in pairs}
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
     if compression is not None:
         writer.set_compression(compression, CompressionFormat.ZSTD)
     with writer:
-        connections = {name: writer.add_connection(name, kind, typestore=STORE) for name, kind in kinds.items()}
+        connections = {name: writer.add_connection(name, kind, typestore=types) for name, kind in kinds.items()}
         for number, (name, value) in enumerate(pairs):
             header = getattr(value, "header", None)
             recorded = BEGINNING + number * 1_000_000 if header is None else (
                 header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)  # fmt: skip
-            data = STORE.serialize_cdr(value, value.__msgtype__)
+            data = types.serialize_cdr(value, value.__msgtype__)
             writer.write(connections[name], recorded, data)
     return path

@@ -5,15 +5,16 @@ import sqlite3
 
 import numpy as np
 import pytest
-from peers.recorded import STORE, message, messages, panda_motion, write_bag
-from rosbags.rosbag2 import CompressionMode
+from peers.recorded import message, messages, of_rosbags, panda_motion, store, write_bag
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.replay.bags import Bag
+from robot_dynamics.replay.bags import JOINT_STATE, Bag
 
+rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
 MOTION = panda_motion(duration=6.0)
-KINDS = [("mcap", None), ("sqlite3", None), ("mcap", CompressionMode.MESSAGE), ("mcap", CompressionMode.FILE),
-         ("sqlite3", CompressionMode.FILE), ("mcap", CompressionMode.STORAGE)]  # fmt: skip
+MODES = rosbag2.CompressionMode
+KINDS = [("mcap", None), ("sqlite3", None), ("mcap", MODES.MESSAGE), ("mcap", MODES.FILE), ("sqlite3", MODES.FILE),
+         ("mcap", MODES.STORAGE)]  # fmt: skip
 
 
 def positions(bag, wanted=()):
@@ -90,7 +91,8 @@ def test_a_database_that_lost_power_is_read_with_its_log(tmp_path):
     file = storage_file(write_bag(tmp_path / "run", messages(MOTION)[:100], "sqlite3"))
     writer = sqlite3.connect(file)
     writer.execute("PRAGMA journal_mode=WAL")
-    rows = [(1, 1_600_000_100_000_000_000 + k, STORE.serialize_cdr(told, told.__msgtype__))
+    types = store()
+    rows = [(1, 1_600_000_100_000_000_000 + k, types.serialize_cdr(of_rosbags(told, types.types), JOINT_STATE))
             for k, told in enumerate(messages(MOTION)[100:200])]  # fmt: skip
     writer.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
                        [(topic, stamp, bytes(data)) for topic, stamp, data in rows])  # fmt: skip
@@ -111,7 +113,7 @@ def test_what_is_no_bag_or_has_no_such_topic_is_refused(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(RecordingError, match=r"neither metadata\.yaml nor files"):
         Bag(tmp_path / "empty")
-    string = STORE.types["std_msgs/msg/String"]("hello")
+    string = store().types["std_msgs/msg/String"]("hello")
     mixed = [
         ("/joint_states", message(0, ["a"], [1])),
         ("/chatter", string),

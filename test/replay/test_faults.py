@@ -99,6 +99,7 @@ def simulated(seed, duration=20.0):
 
 def real(robot, recording, link):
     """The robot as it is fitted to its recording, and the recording."""
+    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
     dynamics = Dynamics(load_robot(robot))
     told = open_recording(REAL_DATA / recording, direct_drives(dynamics.joint_names))
     identified = consistent(fitted(Samples([told], effort_columns(dynamics, told.drives))))

@@ -14,6 +14,7 @@ from peers.real_robots import real_urdf
 from robot_dynamics import Base, Dynamics, Inertia, QuestionError, SingularModelError, load_robot, shipped_robots
 from robot_dynamics.model.formats.urdf import read_urdf
 from robot_dynamics.symbolic import compiled_models
+from robot_dynamics.symbolic.compiled_models import MODELS, PythonProgram
 from robot_dynamics.symbolic.questions import program_key
 
 # of parallel robots in space, whose seven programs take seconds each, two are compiled in nodes/test_closed_loops
@@ -104,6 +105,22 @@ def test_batches_of_any_shape_come_back_in_that_shape(shape):
         found = fast.inverse(*arguments)
         assert found.shape == (*shape, 6) and error(found, core.inverse(*arguments)) < 1e-12
     assert fast.inertia_matrix(q).shape == (*shape, 6, 6)
+
+
+def test_batches_run_as_python_take_inputs_that_all_samples_share():
+    """Where nothing compiles, as where it does."""
+    robot = load_robot("ur5e")
+    program, core = PythonProgram(MODELS["inverse"](robot)), Dynamics(robot, compiled=False)
+    q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 7, 6))
+    for arguments in ((q, qd[0], qdd), (q[0], qd, qdd[0]), (q[:1], qd[0], qdd[:1])):
+        assert error(program.batch(*arguments), core.inverse(*arguments)) < 1e-12
+    assert program.batch(q[:0], qd[0], qdd[:0]).shape == (0, 6)
+    target = np.empty((7, 6))
+    assert program.batch(q, qd[0], qdd, out=target) is target and error(target, core.inverse(q, qd[0], qdd)) < 1e-12
+    with pytest.raises(QuestionError, match="'q' has shape"):
+        program.batch(q[0], qd[0], qdd[0])
+    with pytest.raises(QuestionError, match="'qd' has shape"):
+        program.batch(q, qd[:2], qdd)
 
 
 def test_what_does_not_fit_is_refused_as_by_the_recursions():

@@ -8,7 +8,7 @@ from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.loop import Loop
-from robot_dynamics.model.mdh import Row, rows_of
+from robot_dynamics.model.mdh import ROUNDING, Row, rows_of
 from robot_dynamics.model.mdh_table import table
 
 
@@ -66,8 +66,9 @@ def file_rows(robot):
 
 
 def _end_at(frame, ends):
-    """The number of the End at which a Frame is; None where it is at none."""
-    same = (frame.link == end.link and np.array_equal(frame.placement, end.placement) for end in ends)
+    """The number of the End at which a Frame is, but for rounding; None where it is at none."""
+    same = (frame.link == end.link and np.allclose(frame.placement, end.placement, rtol=ROUNDING, atol=ROUNDING)
+            for end in ends)  # fmt: skip
     return next((number for number, found in enumerate(same) if found), None)
 
 

@@ -3,7 +3,6 @@
 import io
 
 import numpy as np
-import yourdfpy
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
@@ -12,6 +11,7 @@ from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
 from robot_dynamics.model.robot import EARTH, MOST_JOINTS, Frame, Link, Robot
+from robot_dynamics.optional import import_optional
 
 
 def read_urdf(text, *, source="URDF", moving_base=None, gravity=None):
@@ -22,11 +22,13 @@ def read_urdf(text, *, source="URDF", moving_base=None, gravity=None):
     the link that floats, whose pose in the world is what the joint leaves open; held fixed, it stands where the joint's
     origin says.
 
-    The variable of each joint keeps URDF's sign and zero. Meshes are never loaded. Raises DescriptionError.
+    The variable of each joint keeps URDF's sign and zero. Meshes are never loaded. Raises DescriptionError,
+    and MissingPackageError where the package that parses URDFs is not installed.
     """
     root = parse_urdf_text(text, source)
     check_urdf(root, source)
     checked = io.BytesIO(etree.tostring(root))  # yourdfpy gets what the checks saw, and nothing to draw
+    yourdfpy = import_optional("yourdfpy", "reading a URDF")
     try:
         document = yourdfpy.URDF.load(checked, build_scene_graph=False, load_meshes=False)
     except Exception as error:  # what the checks let pass and yourdfpy cannot read is still the text's fault

@@ -4,6 +4,7 @@ yourdfpy forgives: it repairs broken XML, gives a missing moment of inertia the 
 it would forgive is refused here, with the line, before it is asked.
 """
 
+import logging
 import math
 import re
 
@@ -11,6 +12,8 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError, unknown_name
 from robot_dynamics.model.formats.text import decode_text
+
+logger = logging.getLogger(__name__)
 
 LARGEST_DESCRIPTION = 10 * 1024 * 1024  # characters; the largest real descriptions have half a million
 
@@ -23,6 +26,11 @@ USED = {
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
     "fixed joint": ("parent", "child", "origin"),
 }
+XINCLUDE = "http://www.w3.org/2001/XInclude"
+UNEXPANDED = "is xacro. Expand it first: xacro robot.urdf.xacro > robot.urdf"
+UNDECLARED = "its prefix is not declared. A URDF needs none: remove it"
+# elements of xacro itself: a text that has one was not expanded; others are calls of macros that were not found
+XACRO = ("arg", "attribute", "call", "element", "if", "include", "insert_block", "macro", "property", "unless")
 
 
 def parse_urdf_text(text, source):
@@ -36,17 +44,36 @@ def parse_urdf_text(text, source):
     declaration = re.match(r"\s*<\?xml.*?\?>", text, re.DOTALL)
     if declaration:  # the text is decoded: what it says of its encoding has had its effect; lines stay where they are
         text = "\n" * declaration.group().count("\n") + text[declaration.end() :]
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
-        root = etree.fromstring(text.encode("utf-8"), parser)
+        root = parse_xml(text.encode("utf-8"))
     except (etree.XMLSyntaxError, ValueError) as error:
         raise DescriptionError(f"{source} is not well-formed XML: {error}") from None
     if root.tag != "robot":
         if etree.QName(root).namespace is not None and etree.QName(root).localname == "robot":
             raise DescriptionError(f"{source}: <robot> has a namespace of its own. Remove its attribute xmlns")
         raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
-    refuse_unexpanded(root, source)
+    refuse_includes(root, source)
+    check_foreign(root, source)
     keep_used(root, "robot")
+    return root
+
+
+def parse_xml(text):
+    """The root element of a text (bytes). A prefix that is not declared stays part of the name, `prefix:name`.
+
+    Raises XMLSyntaxError for all else that is not well-formed.
+    """
+    settings = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    try:
+        return etree.fromstring(text, etree.XMLParser(**settings))
+    except etree.XMLSyntaxError as error:
+        parser = etree.XMLParser(recover=True, **settings)
+        root = etree.fromstring(text, parser)
+        if root is None or any(entry.type_name != "NS_ERR_UNDEFINED_NAMESPACE" for entry in parser.error_log):
+            raise error from None
+    for element in root.iter(etree.Element):
+        for attribute in [name for name in element.attrib if ":" in name and not name.startswith("{")]:
+            del element.attrib[attribute]
     return root
 
 
@@ -72,23 +99,65 @@ def refuse_what_reaches_outside(text, source):
     for pattern, what in (
         (r"<!\s*DOCTYPE", "a DOCTYPE"),
         (r"<!\s*ENTITY", "an entity"),
-        (r"http://www\.w3\.org/2001/XInclude", "an XInclude"),
     ):
         found = re.search(pattern, text, re.IGNORECASE)
         if found:
             line = text.count("\n", 0, found.start()) + 1
-            raise DescriptionError(
-                f"{source}, line {line}: {what} is refused, a URDF needs none and it could read other files. Remove it"
-            )
+            raise DescriptionError(f"{source}, line {line}: {refusal(what)}")
 
 
-def refuse_unexpanded(root, source):
+def refusal(what):
+    return f"{what} is refused, a URDF needs none and it could read other files. Remove it"
+
+
+def refuse_includes(root, source):
+    """Refuse elements that would read other files. To declare their namespace, unused, harms nothing."""
+    for element in root.iter(f"{{{XINCLUDE}}}*", "xi:*", "xi:include", "xi:fallback"):
+        raise DescriptionError(f"{source}, line {element.sourceline}: {refusal('an XInclude')}")
+
+
+def check_foreign(root, source):
+    """Warn of elements of xacro or with a prefix that is not declared, and refuse those that may say what counts."""
+    left_out = {}
     for element in root.iter(etree.Element):
-        if element.prefix and "xacro" in (element.nsmap.get(element.prefix) or ""):
-            raise DescriptionError(
-                f"{source}, line {element.sourceline}: <{element.prefix}:{etree.QName(element).localname}> is xacro. "
-                "Expand it first: xacro robot.urdf.xacro > robot.urdf"
-            )
+        name = foreign_name(element)
+        if name is None:
+            continue
+        parent, (prefix, _, local) = element.getparent(), name.rpartition(":")
+        kind = UNEXPANDED if prefix == "xacro" else UNDECLARED
+        if prefix == "xacro" and (local in XACRO or root.find("link") is None):
+            reason = kind
+        elif parent is root and any(local_name(inner) in USED["robot"] for inner in element.iter(etree.Element)):
+            reason = f"has a link or joint, and {kind}"
+        elif parent is not root and is_used(parent):
+            reason = f"is in a <{parent.tag}>, and {kind}"
+        else:
+            left_out.setdefault(name, []).append(element.sourceline)
+            continue
+        raise DescriptionError(f"{source}, line {element.sourceline}: <{name}> {reason}")
+    for name, (line, *more) in left_out.items():
+        often = f" and {len(more)} more" if more else ""
+        logger.warning("%s, line %d%s: <%s> is left out: it was not expanded, or its prefix is not declared. It is "
+                       "neither a link nor a joint", source, line, often, name)  # fmt: skip
+
+
+def foreign_name(element):
+    """`prefix:name` of an element of xacro or with a prefix that is not declared; None of others."""
+    if not element.tag.startswith("{"):
+        return element.tag if ":" in element.tag else None
+    name = etree.QName(element)
+    return f"xacro:{name.localname}" if "xacro" in name.namespace else None
+
+
+def local_name(element):
+    """The name of an element without its prefix, declared or not."""
+    return re.split("[}:]", element.tag)[-1]
+
+
+def is_used(element):
+    """Whether the dynamics have a use for an element, and for all that it is in."""
+    parent = element.getparent()
+    return parent is None or (element.tag in USED.get(parent.tag, ()) and is_used(parent))
 
 
 def check_urdf(root, source):

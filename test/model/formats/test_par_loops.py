@@ -245,6 +245,17 @@ def test_loops_stay_from_a_par_to_a_table_and_back():
     same(read_par(text), robot)
 
 
+def test_a_frame_at_the_end_of_a_loop_but_for_rounding_needs_no_row():
+    robot = read_par(LOOPS, values={"d": 0.5})
+    (place,) = [place for place, frame in enumerate(robot.frames) if frame.name == "frame_6"]
+    frames = list(robot.frames)
+    turned = frames[place].placement.copy()
+    turned[:3, :3] = np.nextafter(turned[:3, :3], 2.0)
+    frames[place] = replace(frames[place], placement=turned)
+    assert not np.array_equal(turned, robot.frames[place].placement)
+    assert "\nNL = 4\nNJ = 7\nNF = 10\n" in write_par(replace(robot, frames=tuple(frames)))
+
+
 def test_cut_joint_with_friction_is_written_as_a_joint_of_the_tree_and_its_loop_as_a_weld():
     robot = read_par(LOOPS, values={"d": 0.5})
     *joints, last = robot.joints

@@ -1,6 +1,8 @@
 """URDF that is wrong is refused by the project's own error, which says what, where, and what would be right."""
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
@@ -22,6 +24,11 @@ def changed(old, new):
     return GOOD.replace(old, new)
 
 
+def with_xacro(old, new):
+    """GOOD with the namespace of xacro declared and a change."""
+    return changed(old, new).replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
+
+
 def test_the_description_that_the_bad_ones_are_made_from_is_good():
     assert [joint.name for joint in read_urdf(GOOD).joints] == ["j"]
 
@@ -40,11 +47,41 @@ BAD = {
         changed("</robot>", '<i:include xmlns:i="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'),
         "line 5: an XInclude",
     ),
+    "external include in what is drawn": (
+        changed("</link>", '<visual xmlns:i="http://www.w3.org/2001/XInclude">\n<i:fallback/></visual></link>'),
+        "line 4: an XInclude",
+    ),
+    "external include by default namespace": (
+        changed("</robot>", '<include xmlns="http://www.w3.org/2001/XInclude" href="/etc/passwd"/></robot>'),
+        "line 5: an XInclude",
+    ),
+    "external include by a prefix that is not declared": (
+        changed("</robot>", '<gazebo><xi:include href="/etc/passwd"/></gazebo></robot>'),
+        "line 5: an XInclude",
+    ),
     "undeclared entity": (changed('name="a"', 'name="&a;"'), "not well-formed"),
     "xacro": (
         '<robot name="r" xmlns:xacro="http://www.ros.org/wiki/xacro">\n<xacro:property name="x" value="1"/></robot>',
         "line 2: <xacro:property> is xacro",
     ),
+    "xacro in what is drawn": (with_xacro("</link>", "<visual><xacro:if/></visual></link>"), "line 3: .* is xacro"),
+    "call of a macro alone": ('<robot name="r" xmlns:xacro="http://ros.org/xacro"><xacro:arm/></robot>', "is xacro"),
+    "call of a macro in a link": (
+        with_xacro(INERTIAL, '<xacro:inertial mass="1"/>'),
+        "line 3: <xacro:inertial> is in a <link>, and is xacro. Expand it first",
+    ),
+    "call of a macro in an inertial": (with_xacro("<mass", "<xacro:centre/><mass"), "is in a <inertial>"),
+    "call of a macro in a joint": (with_xacro("<axis", "<xacro:limits/><axis"), "line 4: .* is in a <joint>"),
+    "call of a macro around a link": (
+        with_xacro(JOINT, JOINT + '<xacro:arm><link name="c"/></xacro:arm>'),
+        "line 4: <xacro:arm> has a link or joint",
+    ),
+    "joint with a prefix that is not declared": (
+        changed(JOINT, JOINT + JOINT.replace("<joint", "<my:joint").replace("</joint", "</my:joint")),
+        "line 4: <my:joint> has a link or joint, and its prefix is not declared",
+    ),
+    "inertia with a prefix that is not declared": (changed("<inertia ", "<my:inertia "), "is in a <inertial>"),
+    "prefix that is not declared and a crossed tag": (changed(JOINT, JOINT + "<a:b></a:c>"), "not well-formed"),
     "no link": ('<robot name="r"/>', "no <link>"),
     "link without name": (changed('<link name="a"/>', "<link/>"), "line 2: this <link> has no name"),
     "two links of a name": (changed('<link name="b">', '<link name="a">'), "'a' is there already, at line 2"),
@@ -130,6 +167,49 @@ def test_bad_description_is_refused_with_a_reason(case):
     text, reason = BAD[case]
     with pytest.raises(DescriptionError, match=reason):
         read_urdf(text)
+
+
+LEFT_OVER = {
+    "namespace of XInclude, unused": (changed("<robot", '<robot xmlns:xi="http://www.w3.org/2001/XInclude"'), ()),
+    "call of a macro of sensors": (
+        with_xacro(JOINT, f'<xacro:imu rate="5"/>\n{JOINT}\n<xacro:imu/>\n<xacro:camera><x/></xacro:camera>'),
+        ("line 4 and 1 more: <xacro:imu> is left out", "line 7: <xacro:camera> is left out"),
+    ),
+    "call of a macro of colours": (
+        with_xacro("</link>", "\n<visual><xacro:grey/></visual></link>"), ("line 4: <xacro:grey> is left out",),
+    ),
+    "prefix that is not declared": (
+        changed(JOINT, JOINT + '\n<gazebo reference="b">\n<sensor:camera name="rgb" a:b="1"/></gazebo>'),
+        ("line 6: <sensor:camera> is left out",),
+    ),
+    "joint of a plugin with a prefix that is not declared": (
+        changed("</robot>", "\n<gazebo><c:plugin><joint>j</joint></c:plugin></gazebo></robot>"),
+        ("line 6: <c:plugin> is left out",),
+    ),
+    "attribute whose prefix is not declared": (changed('<link name="b"', '<link my:colour="red" name="b"'), ()),
+    "prefixes of simulators": (
+        changed("</robot>", '<c:p xmlns:c="http://example.org/#controller"><joint/></c:p></robot>'), (),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", LEFT_OVER)
+def test_what_is_neither_link_nor_joint_is_left_out_with_a_warning(case, caplog):
+    text, warnings = LEFT_OVER[case]
+    robot, expected = read_urdf(text, source="left.urdf"), read_urdf(GOOD)
+    assert [record.levelname for record in caplog.records] == ["WARNING"] * len(warnings)
+    for record, warning in zip(caplog.records, warnings, strict=True):
+        assert f"left.urdf, {warning}" in record.getMessage()
+    assert [link.name for link in robot.links] == [link.name for link in expected.links]
+    assert [joint.name for joint in robot.joints] == ["j"] and robot.links[1].inertia.mass == 1
+
+
+def test_the_command_shows_what_was_left_out(tmp_path):
+    path = tmp_path / "left.urdf"
+    path.write_text(LEFT_OVER["call of a macro of sensors"][0])
+    told = subprocess.run([sys.executable, "-m", "robot_dynamics.commands.main", "show", path], capture_output=True,
+                          text=True, timeout=60)  # fmt: skip
+    assert told.returncode == 0 and told.stderr.count("WARNING") == 2 and "line 7: <xacro:camera>" in told.stderr
 
 
 def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
