@@ -51,7 +51,7 @@ def checked(name, value):
 def _not_negative(name, value, description):
     told = np.array(numbers(name, value, description))
     if not (told >= 0).all() or (name != "effort_limits" and not np.isfinite(told).all()):
-        raise QuestionError(f"parameter {name} is {value!r}: numbers of zero or more are needed, {description}")
+        raise QuestionError(f"parameter {name} is {told.tolist()}: numbers of zero or more are needed, {description}")
     return told
 
 

@@ -178,7 +178,7 @@ class RobotSource:
 
 def typed(name, value):
     """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
-    if name == "gravity" and np.size(value) == 0:
+    if name == "gravity" and np.size(value) == 0:  # an empty list says as little as an empty text
         value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
     return typed_as(default, name, value, PARAMETERS[name][1])
