@@ -19,6 +19,7 @@ from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
+from robot_dynamics.nodes.clocks import ClockWatch
 from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
 from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations, without_numbers
@@ -74,7 +75,7 @@ class ComputedTorque(LifecycleNode):
             self._start()
 
     def _publish_and_subscribe(self):
-        self._outputs = ControlOutputs(self)
+        self._outputs, self._clocks = ControlOutputs(self), ClockWatch(self)
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscriptions_held = [
             self.create_subscription(JointState, "joint_states", self._on_joint_states, STREAMED, **OVERRIDABLE),
@@ -342,6 +343,7 @@ class ComputedTorque(LifecycleNode):
     # What it says of itself
 
     def _report(self, elapsed):
+        self._clocks.look()
         values = {**self._lately.tell("efforts", elapsed), **self._ages.tell("age of state")}
         values.update(
             {
@@ -362,7 +364,8 @@ class ComputedTorque(LifecycleNode):
         if level == ERROR or controller is None or not self._active:
             return max(level, WARN), message if level == ERROR else self._refusal or "not active: no efforts are sent"
         if controller.fault:
-            return ERROR, f"efforts go to zero: {controller.fault}"
+            clocks = f"; {self._clocks.objection}" if self._clocks.objection else ""
+            return ERROR, f"efforts go to zero: {controller.fault}{clocks}"
         if not controller.doing:
             return WARN, "use_sim_time is set, and nothing came on /clock yet"
         unheard, joints = self._reader.unheard, np.array(controller.law.joints)
@@ -371,6 +374,7 @@ class ComputedTorque(LifecycleNode):
             f"at its limit: {', '.join(joints[controller.saturated])}" if controller.saturated.any() else "",
             "" if controller.settings.mode == GRAVITY else controller.without_reference,
             self._refusal,
+            self._clocks.objection,
             f"nobody tells of {', '.join(unheard)}, taken to be at zero" if unheard else "",
             f"{values['deadline misses']} answers were late" if values["deadline misses"] else "",
         ]
