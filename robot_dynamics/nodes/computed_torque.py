@@ -36,6 +36,7 @@ RCLError = rclpy_implementation.RCLError
 STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait
 TICK = 0.005  # [s] between looks at the age of the state, at most
 ANOTHER_CLOCK = 10.0  # [s] of age that no delay explains
+NOT_CONFIGURED = "not configured"
 SWITCH = 2e-4  # [s] after which a thread that loads a robot lets the one that streams go on
 
 
@@ -119,15 +120,18 @@ class ComputedTorque(LifecycleNode):
         try:
             dynamics = self._robot.dynamics
             law = Law(dynamics, self._values["joints"] or driven_joints(dynamics))
-            settings = settings_of(self._values, dynamics, law.joints)
+            settings = self._settings(dynamics, law.joints)
         except RobotDynamicsError as error:
-            self._refusal = f"not configured: {error}"
+            self._refusal = f"{NOT_CONFIGURED}: {error}"
             self.get_logger().error(self._refusal)
             return TransitionCallbackReturn.FAILURE
         self._controller, self._pending, self._refusal = Controller(law, settings), None, ""
         self._listen(law)
         self._outputs.configure(law.joints)
         self.get_logger().info(f"controls {', '.join(law.joints)}, limits {settings.limits.tolist()}")
+        idle = [name for name, limit in zip(law.joints, settings.limits, strict=True) if limit == 0]
+        if idle:
+            self.get_logger().warning(f"the effort of {', '.join(idle)} is limited to 0: set effort_limits")
         return super().on_configure(state)
 
     def _listen(self, law):
@@ -180,11 +184,15 @@ class ComputedTorque(LifecycleNode):
     def _prepare(self, dynamics, joints):
         try:
             law = Law(dynamics, joints)
-            self._pending = law, settings_of(self._values, dynamics, joints), ""
+            self._pending = law, self._settings(dynamics, joints), ""
         except RobotDynamicsError as error:
             self._pending = None, None, f"the description of {dynamics.robot.name!r} does not fit: {error}"
         except Exception as error:  # a fault of ours must not end the thread in silence
             self._pending = None, None, f"internal error, please report it: {error!r}"
+
+    def _settings(self, dynamics, joints, changes=None):
+        """The Settings of the parameters as they are, or would be after changes. Raises QuestionError."""
+        return settings_of({**self._values, **(changes or {})}, dynamics, joints, self._robot.massless(dynamics))
 
     def _exchange(self):
         (law, settings, reason), self._pending = self._pending, None
@@ -210,7 +218,7 @@ class ComputedTorque(LifecycleNode):
             changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
             if self._controller is not None:
                 law = self._controller.law
-                settings_of({**self._values, **changes}, law.dynamics, law.joints)
+                self._settings(law.dynamics, law.joints, changes)
 
         return judged(change)
 
@@ -221,7 +229,9 @@ class ComputedTorque(LifecycleNode):
         self._values.update(changes)
         if self._controller is not None:
             law = self._controller.law
-            self._controller.apply(settings_of(self._values, law.dynamics, law.joints))
+            self._controller.apply(self._settings(law.dynamics, law.joints))
+        elif self._refusal.startswith(NOT_CONFIGURED):  # what was wrong may be right now
+            self._start_wanted = self._values["autostart"]
         self._timer.timer_period_ns = int(self._tick_period() * 1e9)
 
     # What streams
@@ -375,6 +385,7 @@ class ComputedTorque(LifecycleNode):
             "" if controller.settings.mode == GRAVITY else controller.without_reference,
             self._refusal,
             self._clocks.objection,
+            self._robot.doubt,
             f"nobody tells of {', '.join(unheard)}, taken to be at zero" if unheard else "",
             f"{values['deadline misses']} answers were late" if values["deadline misses"] else "",
         ]
