@@ -20,6 +20,7 @@ from robot_dynamics.commands import (
 )
 from robot_dynamics.commands.written import refuse_overwriting
 from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.version import package_version
 
 INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
 VERBS = (show, convert, generate, count, map, frequencies, replay_check, identify, excite, shipped, schema)
@@ -31,6 +32,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for verb in VERBS:
         summary = verb.__doc__.splitlines()[0]
