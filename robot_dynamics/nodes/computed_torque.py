@@ -22,7 +22,8 @@ from robot_dynamics.nodes.base_odometry import BaseReader
 from robot_dynamics.nodes.clocks import ClockWatch
 from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
 from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations, without_numbers
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
+from robot_dynamics.nodes.fault_log import FaultLog
 from robot_dynamics.nodes.joint_states import JointStateReader
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
@@ -62,7 +63,7 @@ class ComputedTorque(LifecycleNode):
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
         self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
-        self._logged = self._fault = ""
+        self._fault_log = FaultLog(self.get_logger())
         declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
@@ -143,7 +144,7 @@ class ComputedTorque(LifecycleNode):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
-        self._fault = without_numbers(self._controller.watchdog.reason)
+        self._fault_log.restart(self._controller.watchdog.reason)
         return super().on_activate(state)
 
     def on_deactivate(self, state):
@@ -302,20 +303,8 @@ class ComputedTorque(LifecycleNode):
         """Publish ~/state where it is time to, and /diagnostics where something else is to be told."""
         controller = self._controller
         self._outputs.tell(controller, time, self._values["state_rate"])
-        self._log(controller.fault)
+        self._fault_log.update(controller.fault)
         self._diagnostics.changed(controller.fault, controller.doing, controller.without_reference, self._refusal)
-
-    def _log(self, fault):
-        """Where efforts go to zero, and where they come back, for who looks at a terminal."""
-        if fault is self._logged:
-            return
-        self._logged, before, plain = fault, self._fault, without_numbers(fault)
-        if plain != before:
-            self._fault = plain
-            if fault:
-                self.get_logger().warning(f"efforts go to zero: {fault}")
-            else:
-                self.get_logger().info("efforts are sent again")
 
     def _on_reference(self, message):
         def follow(controller, now):
