@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from nodes.questions import call, inverse_request
 from nodes.stand import trajectory
 from peers.launch_files import ROOT, DeclareLaunchArgument, description, performed, started
@@ -129,6 +130,8 @@ def text(logs):
 
 
 def test_a_second_clock_is_named_by_all_that_it_concerns(caller, tmp_path):
+    diagnostics = []
+    heard = caller.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
     paused, second = with_parameters(tmp_path, PAUSED), tmp_path / "second"
     second.mkdir()
     with launched(tmp_path, "closed_loop.launch.py", "namespace:=left", "clock:=/clock", paused) as first:
@@ -136,6 +139,10 @@ def test_a_second_clock_is_named_by_all_that_it_concerns(caller, tmp_path):
         with launched(second, "mobile_base_simulator.launch.py", "namespace:=right", paused) as other:
             both = "/clock is published by /left/mobile_base_simulator and /right/mobile_base_simulator"
             eventually(caller, lambda: both in first["computed_torque"].read_text(), [first, other])
+            statuses = lambda: [status for message in diagnostics for status in message.status]  # noqa: E731
+            eventually(
+                caller, lambda: any("computed_torque" in s.name and both in s.message for s in statuses()), [first]
+            )
             says = "/clock is published by {} as well"
             named = says.format("/left/mobile_base_simulator")
             eventually(caller, lambda: named in other["mobile_base_simulator"].read_text(), [first, other])
@@ -145,6 +152,7 @@ def test_a_second_clock_is_named_by_all_that_it_concerns(caller, tmp_path):
                 assert caller.set_parameters(f"/{name}", {"publish_clock": False}).successful
             eventually(caller, lambda: not caller.node.get_publishers_info_by_topic("/clock"), [first, other])
         assert text(other).count("as well") == 1 and text(first).count(both) == 1
+    caller.node.destroy_subscription(heard)
 
 
 def test_one_clock_is_no_reason_to_warn_and_one_of_the_same_name_is(caller, tmp_path):
