@@ -46,11 +46,11 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "computed_torque = robot_dynamics.nodes.computed_torque:main",
-            "dynamics_server = robot_dynamics.nodes.dynamics_server:main",
-            "demo = robot_dynamics.nodes.demo:main",
-            "mobile_base_simulator = robot_dynamics.nodes.mobile_base_simulator:main",
-            "replay_check = robot_dynamics.nodes.replay_check:main",
+            "computed_torque = robot_dynamics.nodes.scripts:computed_torque",
+            "dynamics_server = robot_dynamics.nodes.scripts:dynamics_server",
+            "demo = robot_dynamics.nodes.scripts:demo",
+            "mobile_base_simulator = robot_dynamics.nodes.scripts:mobile_base_simulator",
+            "replay_check = robot_dynamics.nodes.scripts:replay_check",
             "robot-dynamics = robot_dynamics.commands.main:main",
         ],
     },

@@ -1,34 +1,62 @@
 """A simulated robot under computed_torque: ros2 launch robot_dynamics closed_loop.launch.py robot:=panda
 
-The reference goes to computed_torque/reference (trajectory_msgs/JointTrajectory).
+The reference goes to computed_torque/reference (trajectory_msgs/JointTrajectory). Simulated time is on the topic that
+`clock` names, which is in the namespace: so two of them run side by side, as namespace:=left and namespace:=right.
+clock:=/clock gives simulated time to all nodes; one simulator alone may do that. clock:=none keeps the time of the
+machine.
 """
 
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import (
+    EqualsSubstitution,
+    IfElseSubstitution,
+    LaunchConfiguration,
+    NotEqualsSubstitution,
+    PathJoinSubstitution,
+)
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
 
+def value_of(argument):
+    """The value of a launch argument: empty for `none`, since an empty one cannot be typed."""
+    value = LaunchConfiguration(argument)
+    return IfElseSubstitution(EqualsSubstitution(value, "none"), "", value)
+
+
 def generate_launch_description():
     shipped = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "closed_loop.yaml"])
-    common = {
-        "package": "robot_dynamics",
-        "namespace": LaunchConfiguration("namespace"),
-        "parameters": [LaunchConfiguration("parameters"), {"robot_file": LaunchConfiguration("robot")}],
-        "output": "screen",
-    }
+    parameters = LaunchConfiguration("parameters")
+    robot = {"robot_file": ParameterValue(value_of("robot"), value_type=str)}
+    simulated = ParameterValue(NotEqualsSubstitution(LaunchConfiguration("clock"), "none"), value_type=bool)
+    common = {"package": "robot_dynamics", "namespace": value_of("namespace"), "output": "screen"}
+    clock = ("/clock", LaunchConfiguration("clock"))
     return LaunchDescription(
         [
-            DeclareLaunchArgument("robot", default_value="panda", description="a robot that ships, or the path of one"),
-            DeclareLaunchArgument("namespace", default_value="", description="of the nodes and their topics"),
+            DeclareLaunchArgument(
+                "robot",
+                default_value="panda",
+                description="a robot that ships, or the path of one; none: from the topic robot_description",
+            ),
+            DeclareLaunchArgument("namespace", default_value="none", description="of the nodes and their topics"),
             DeclareLaunchArgument("parameters", default_value=shipped, description="file of the nodes' parameters"),
+            DeclareLaunchArgument(
+                "clock", default_value="clock", description="topic of the simulated time; none: the machine's time"
+            ),
             Node(
                 executable="mobile_base_simulator",
-                remappings=[("~/commands", "computed_torque/commands")],
+                parameters=[parameters, {**robot, "publish_clock": simulated}],
+                remappings=[("~/commands", "computed_torque/commands"), clock],
                 **common,
             ),
-            Node(executable="computed_torque", **common),
+            Node(
+                executable="computed_torque",
+                parameters=[parameters, {**robot, "use_sim_time": simulated}],
+                remappings=[clock],
+                **common,
+            ),
         ]
     )

@@ -7,6 +7,7 @@ import sys
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.optional import missing_package
+from robot_dynamics.version import package_version
 
 INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
 
@@ -38,6 +39,7 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     try:
         modules = verb_modules()

@@ -4,6 +4,7 @@ import logging
 import os
 import re
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError, unknown_name
@@ -90,10 +91,21 @@ def read_file(name):
     try:
         return read_path(path, LARGEST_DESCRIPTION), path
     except DescriptionError as error:
-        if "/" in str(name) or os.path.exists(path):
+        if os.path.exists(path):
             raise
-        no_robot = f"no robot of that name ships: {unknown_name('robot', name, shipped)}"
-        raise DescriptionError(f"{error}, and {no_robot}") from None
+        raise DescriptionError(f"{error}{_shipped_hint(str(name), shipped)}") from None
+
+
+def _shipped_hint(name, shipped):
+    """What to add to an error about a file of this name that is not there: the robot that ships and may be meant."""
+    path = Path(name)
+    stem = (path.stem if path.suffix.lower() in SUFFIXES else path.name).lower()
+    if stem in shipped:
+        return f". The robot that ships is named {stem!r}, without a folder or a suffix"
+    if "/" not in name:
+        return f", and no robot of that name ships: {unknown_name('robot', stem, shipped)}"
+    near = get_close_matches(stem, shipped, n=3, cutoff=0.75)
+    return f". Of the robots that ship, {' or '.join(map(repr, near))} may be meant" if near else ""
 
 
 def shipped_robots():

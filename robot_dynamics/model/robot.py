@@ -19,6 +19,10 @@ from robot_dynamics.model.loop import Loop, check_loop
 from robot_dynamics.model.platform import Platform, check_platform
 
 EARTH = (0.0, 0.0, -9.81)
+MASSLESS = (
+    "none of its moving links has a mass, so that weight and inertia are zero in all results: complete the "
+    "description, or identify the masses from recordings (robot-dynamics identify)"
+)
 MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
 
 
@@ -175,6 +179,14 @@ class Robot:
         return number, multiplier, offset
 
     @cached_property
+    def massless(self) -> bool:
+        """Whether it has joints, and no link that they move has a mass or a moment of inertia.
+
+        So are URDFs without `<inertial>`. The base counts as little as rotors do.
+        """
+        return bool(self.joints) and not any(np.any(link.inertia.spatial) for link in self.links[1:])
+
+    @cached_property
     def warnings(self):
         """What is doubtful: inertias, judged on whole links with all that is fixed to them, and limits. Sentences.
 
@@ -189,8 +201,10 @@ class Robot:
         for joint in self.joints:
             found += doubtful_limits(joint)
         resisted = self._resisted  # what loops bind is judged with the loops closed
+        if self.massless:  # said once, and not of each joint
+            found.append(MASSLESS)
         for number, (leader, _, _) in enumerate(self.leaders):
-            if leader == number and not (resisted[number] or number in self.looped):
+            if leader == number and not (resisted[number] or number in self.looped or self.massless):
                 found.append(
                     f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
                     "inertia, so the direct model has no answer"

@@ -19,9 +19,11 @@ from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
+from robot_dynamics.nodes.clocks import ClockWatch
 from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
 from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations, without_numbers
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
+from robot_dynamics.nodes.fault_log import FaultLog
 from robot_dynamics.nodes.joint_states import JointStateReader
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
@@ -35,6 +37,7 @@ RCLError = rclpy_implementation.RCLError
 STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait
 TICK = 0.005  # [s] between looks at the age of the state, at most
 ANOTHER_CLOCK = 10.0  # [s] of age that no delay explains
+NOT_CONFIGURED = "not configured"
 SWITCH = 2e-4  # [s] after which a thread that loads a robot lets the one that streams go on
 
 
@@ -60,7 +63,7 @@ class ComputedTorque(LifecycleNode):
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
         self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
-        self._logged = self._fault = ""
+        self._fault_log = FaultLog(self.get_logger())
         declare(self, PARAMETERS)
         self._values = {name: checked(name, self.get_parameter(name).value) for name in PARAMETERS}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
@@ -74,7 +77,7 @@ class ComputedTorque(LifecycleNode):
             self._start()
 
     def _publish_and_subscribe(self):
-        self._outputs = ControlOutputs(self)
+        self._outputs, self._clocks = ControlOutputs(self), ClockWatch(self)
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscriptions_held = [
             self.create_subscription(JointState, "joint_states", self._on_joint_states, STREAMED, **OVERRIDABLE),
@@ -118,15 +121,18 @@ class ComputedTorque(LifecycleNode):
         try:
             dynamics = self._robot.dynamics
             law = Law(dynamics, self._values["joints"] or driven_joints(dynamics))
-            settings = settings_of(self._values, dynamics, law.joints)
+            settings = self._settings(dynamics, law.joints)
         except RobotDynamicsError as error:
-            self._refusal = f"not configured: {error}"
+            self._refusal = f"{NOT_CONFIGURED}: {error}"
             self.get_logger().error(self._refusal)
             return TransitionCallbackReturn.FAILURE
         self._controller, self._pending, self._refusal = Controller(law, settings), None, ""
         self._listen(law)
         self._outputs.configure(law.joints)
         self.get_logger().info(f"controls {', '.join(law.joints)}, limits {settings.limits.tolist()}")
+        idle = [name for name, limit in zip(law.joints, settings.limits, strict=True) if limit == 0]
+        if idle:
+            self.get_logger().warning(f"the effort of {', '.join(idle)} is limited to 0: set effort_limits")
         return super().on_configure(state)
 
     def _listen(self, law):
@@ -138,7 +144,7 @@ class ComputedTorque(LifecycleNode):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
-        self._fault = without_numbers(self._controller.watchdog.reason)
+        self._fault_log.restart(self._controller.watchdog.reason)
         return super().on_activate(state)
 
     def on_deactivate(self, state):
@@ -179,11 +185,15 @@ class ComputedTorque(LifecycleNode):
     def _prepare(self, dynamics, joints):
         try:
             law = Law(dynamics, joints)
-            self._pending = law, settings_of(self._values, dynamics, joints), ""
+            self._pending = law, self._settings(dynamics, joints), ""
         except RobotDynamicsError as error:
             self._pending = None, None, f"the description of {dynamics.robot.name!r} does not fit: {error}"
         except Exception as error:  # a fault of ours must not end the thread in silence
             self._pending = None, None, f"internal error, please report it: {error!r}"
+
+    def _settings(self, dynamics, joints, changes=None):
+        """The Settings of the parameters as they are, or would be after changes. Raises QuestionError."""
+        return settings_of({**self._values, **(changes or {})}, dynamics, joints, self._robot.massless(dynamics))
 
     def _exchange(self):
         (law, settings, reason), self._pending = self._pending, None
@@ -209,7 +219,7 @@ class ComputedTorque(LifecycleNode):
             changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
             if self._controller is not None:
                 law = self._controller.law
-                settings_of({**self._values, **changes}, law.dynamics, law.joints)
+                self._settings(law.dynamics, law.joints, changes)
 
         return judged(change)
 
@@ -220,7 +230,9 @@ class ComputedTorque(LifecycleNode):
         self._values.update(changes)
         if self._controller is not None:
             law = self._controller.law
-            self._controller.apply(settings_of(self._values, law.dynamics, law.joints))
+            self._controller.apply(self._settings(law.dynamics, law.joints))
+        elif self._refusal.startswith(NOT_CONFIGURED):  # what was wrong may be right now
+            self._start_wanted = self._values["autostart"]
         self._timer.timer_period_ns = int(self._tick_period() * 1e9)
 
     # What streams
@@ -291,20 +303,8 @@ class ComputedTorque(LifecycleNode):
         """Publish ~/state where it is time to, and /diagnostics where something else is to be told."""
         controller = self._controller
         self._outputs.tell(controller, time, self._values["state_rate"])
-        self._log(controller.fault)
+        self._fault_log.update(controller.fault)
         self._diagnostics.changed(controller.fault, controller.doing, controller.without_reference, self._refusal)
-
-    def _log(self, fault):
-        """Where efforts go to zero, and where they come back, for who looks at a terminal."""
-        if fault is self._logged:
-            return
-        self._logged, before, plain = fault, self._fault, without_numbers(fault)
-        if plain != before:
-            self._fault = plain
-            if fault:
-                self.get_logger().warning(f"efforts go to zero: {fault}")
-            else:
-                self.get_logger().info("efforts are sent again")
 
     def _on_reference(self, message):
         def follow(controller, now):
@@ -342,6 +342,7 @@ class ComputedTorque(LifecycleNode):
     # What it says of itself
 
     def _report(self, elapsed):
+        self._clocks.look()
         values = {**self._lately.tell("efforts", elapsed), **self._ages.tell("age of state")}
         values.update(
             {
@@ -362,7 +363,8 @@ class ComputedTorque(LifecycleNode):
         if level == ERROR or controller is None or not self._active:
             return max(level, WARN), message if level == ERROR else self._refusal or "not active: no efforts are sent"
         if controller.fault:
-            return ERROR, f"efforts go to zero: {controller.fault}"
+            clocks = f"; {self._clocks.objection}" if self._clocks.objection else ""
+            return ERROR, f"efforts go to zero: {controller.fault}{clocks}"
         if not controller.doing:
             return WARN, "use_sim_time is set, and nothing came on /clock yet"
         unheard, joints = self._reader.unheard, np.array(controller.law.joints)
@@ -371,6 +373,8 @@ class ComputedTorque(LifecycleNode):
             f"at its limit: {', '.join(joints[controller.saturated])}" if controller.saturated.any() else "",
             "" if controller.settings.mode == GRAVITY else controller.without_reference,
             self._refusal,
+            self._clocks.objection,
+            self._robot.doubt,
             f"nobody tells of {', '.join(unheard)}, taken to be at zero" if unheard else "",
             f"{values['deadline misses']} answers were late" if values["deadline misses"] else "",
         ]

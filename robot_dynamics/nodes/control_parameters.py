@@ -6,6 +6,7 @@ from robot_dynamics.control.controller import Settings
 from robot_dynamics.control.law import COMPUTED_TORQUE, MODES, WITHOUT_REFERENCE
 from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.joint import UNLIMITED
+from robot_dynamics.model.robot import MASSLESS
 from robot_dynamics.nodes.parameters import names, numbers, typed_as, whole_number
 
 # name: (default, what it is)
@@ -21,6 +22,7 @@ PARAMETERS = {
     "reference_timeout": (0.1, "how long a point of ~/reference_point counts [s]"),
     "deadline": (0.005, "age of joint_states at which their efforts are out too late [s]"),
     "deadline_misses": (10, "late efforts in a row that are a fault"),
+    "allow_massless": (False, "control a robot whose description has no masses: friction alone is then compensated"),
     "state_rate": (50.0, "at which ~/state is published, at most [1/s]; 0: never"),
     "autostart": (True, "configure and activate the node when it has a robot"),
 }
@@ -51,12 +53,18 @@ def checked(name, value):
 def _not_negative(name, value, description):
     told = np.array(numbers(name, value, description))
     if not (told >= 0).all() or (name != "effort_limits" and not np.isfinite(told).all()):
-        raise QuestionError(f"parameter {name} is {value!r}: numbers of zero or more are needed, {description}")
+        raise QuestionError(f"parameter {name} is {told.tolist()}: numbers of zero or more are needed, {description}")
     return told
 
 
-def settings_of(values, dynamics, joints):
-    """The Settings of parameters {name: checked value} for some joints of a robot. Raises QuestionError."""
+def settings_of(values, dynamics, joints, massless=False):
+    """The Settings of parameters {name: checked value} for some joints of a robot.
+
+    massless: whether its description has no masses. Raises QuestionError, also where no useful effort could be sent:
+    of a description without masses, unless it is allowed, and where it limits all efforts to zero.
+    """
+    if massless and not values["allow_massless"]:
+        raise QuestionError(f"robot {dynamics.robot.name!r}: {MASSLESS}; allow_massless:=true controls it all the same")
     told = {name: values[name] for name in Settings.__dataclass_fields__ if name in values}
     told["kp"], told["kd"] = (_of_each(name, values[name], joints) for name in ("kp", "kd"))
     limits = values["effort_limits"]
@@ -65,6 +73,11 @@ def settings_of(values, dynamics, joints):
     else:
         places = dynamics.robot.joint_numbers
         described = np.array([dynamics.robot.joints[places[name]].limits.effort for name in joints])
+        if not described.any():
+            raise QuestionError(
+                f"the description of {dynamics.robot.name!r} limits the effort of {', '.join(joints)} to 0, so that "
+                "nothing but zeros could be sent: set effort_limits"
+            )
         told["limits"] = np.where(described >= UNLIMITED, np.inf, described)
     return Settings(**told)
 

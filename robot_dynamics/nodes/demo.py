@@ -3,6 +3,7 @@ answers and draws a picture of it. Then simulated robots move under computed_tor
 
 import argparse
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -10,11 +11,13 @@ import matplotlib
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration
+from rclpy.signals import SignalHandlerOptions
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.model.library import load_robot
 from robot_dynamics.nodes.running import Caller, running_node
+from robot_dynamics.version import package_version
 from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
 
 matplotlib.use("Agg")  # no screen is needed
@@ -140,13 +143,37 @@ def draw(picture, time, empty, loaded, joint_names):
 
 def main(arguments=None):
     parser = argparse.ArgumentParser(prog="demo", description=__doc__)
+    parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     parser.add_argument("--picture", default="demo.png", help="where to write the picture (default: %(default)s)")
     parser.add_argument("--tracking", default="demo_tracking.png", help="and that of tracking (default: %(default)s)")
     parser.add_argument("--bag", default="demo_bag", help="folder of the bags, written anew (default: %(default)s)")
     options = parser.parse_args(arguments)
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    signals = []
+
+    def interrupt(number, _):
+        signals.append(number)
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) != signal.SIG_IGN:  # as of nohup
+            signal.signal(number, interrupt)
+    try:
+        return demonstrate(options)
+    except (RobotDynamicsError, TimeoutError) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, SystemError):  # where it interrupts compiled code of rclpy, this raises a SystemError
+        if not signals:
+            raise
+        print("demo: interrupted", file=sys.stderr)
+        return 128 + signals[0]  # as shells have it
+
+
+def demonstrate(options):
+    """Run both parts of the demo. Returns the exit status of the process; no process is left behind."""
     namespace = f"/demo_{os.getpid()}"  # so that two demos do not meet
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     caller = Caller("demo", namespace)
     try:
         with running_node("dynamics_server", {"robot_file": "panda"}, namespace):
@@ -154,9 +181,6 @@ def main(arguments=None):
         return asked or demo_closed_loop.run(
             caller, namespace, (START, GOAL, DURATION), options.tracking, Path(options.bag)
         )
-    except (RobotDynamicsError, TimeoutError) as error:
-        print(f"demo: {error}", file=sys.stderr)
-        return 1
     finally:
         caller.close()
         rclpy.try_shutdown()

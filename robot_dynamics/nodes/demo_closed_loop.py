@@ -56,7 +56,7 @@ class Loop:
         self.now_ns, self.states, self.base, self._said = 0, {}, {}, []
         node = caller.node
         self._held = [
-            node.create_subscription(Clock, "/clock", self._on_clock, 2000),
+            node.create_subscription(Clock, f"{namespace}/clock", self._on_clock, 2000),
             node.create_subscription(JointState, f"{namespace}/joint_states", self._on_state, 2000),
             node.create_subscription(Odometry, f"{namespace}/odom", self._on_odom, 2000),
             node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100),
@@ -156,12 +156,13 @@ def loop_of(caller, robot, namespace, simulator):
     controller = {**common, **GAINS, "use_sim_time": True, "ramp_time": 0.0, "deadline": 1.0}
     # time stands still while a motion is awaited on a busy machine, and no answer is late
     simulator = {**common, **simulator, "wait_for_commands": "each", "real_time_factor": 0.0, "odom_rate": 100.0}
-    connected = {"~/effort": "computed_torque/effort"}  # whose stamps say which state they answer
+    clock = {"/clock": "clock"}  # in the namespace, so that two demos do not meet
+    connected = {"~/effort": "computed_torque/effort", **clock}  # whose stamps say which state they answer
     loop = Loop(caller, namespace, Dynamics(load_robot(robot), compiled=False).joint_names)
     try:
         with (
             running_node("mobile_base_simulator", simulator, namespace, remappings=connected),
-            running_node("computed_torque", controller, namespace),
+            running_node("computed_torque", controller, namespace, remappings=clock),
         ):
             yield loop
     finally:

@@ -58,6 +58,7 @@ class DynamicsServer(Node):
         def serve(request, response):
             try:
                 answer(request, response, self._robot.dynamics, self.get_namespace())
+                response.message = self._robot.doubt
                 self._answered += 1
                 return response
             except RobotDynamicsError as error:

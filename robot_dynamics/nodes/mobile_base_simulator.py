@@ -18,6 +18,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes import simulator_outputs as told
+from robot_dynamics.nodes.clocks import CLOCK, ClockWatch
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
@@ -74,7 +75,8 @@ class MobileBaseSimulator(Node):
         self._joint_states = self.create_publisher(JointState, "joint_states", 10)
         self._odom = self.create_publisher(Odometry, "odom", SHALLOW)
         self._acceleration = self.create_publisher(AccelStamped, "~/base_acceleration", SHALLOW)
-        self._clock_out = self.create_publisher(ClockMessage, "/clock", SHALLOW)
+        self._clock_out, self._clocks = None, ClockWatch(self)
+        self._publish_clock_or_not()
         self._tf = None if TFMessage is None else self.create_publisher(TFMessage, "/tf", 100)
         twist = TwistStamped if self._values["stamped_cmd_vel"] else Twist
         self._heard = [
@@ -95,6 +97,14 @@ class MobileBaseSimulator(Node):
         self._diagnostics = Diagnostics(self, "simulation", self._report)
         self._timer = self.create_timer(TICK, self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._pace_anew()
+
+    def _publish_clock_or_not(self):
+        """Make the publisher of /clock, or take it away: one that says nothing would pass for a second clock."""
+        if self._values["publish_clock"] and self._clock_out is None:
+            self._clock_out = self.create_publisher(ClockMessage, CLOCK, SHALLOW)
+        elif not self._values["publish_clock"] and self._clock_out is not None:
+            self.destroy_publisher(self._clock_out)
+            self._clock_out = None
 
     # Robot and parameters
 
@@ -145,6 +155,7 @@ class MobileBaseSimulator(Node):
     def _after_change(self, parameters):
         changes = {p.name: checked(p.name, p.value) for p in parameters if p.name in PARAMETERS}
         self._values.update(changes)
+        self._publish_clock_or_not()
         if any(p.name in OF_ROBOT for p in parameters):
             self._candidate = None  # made for the robot before
         elif self._candidate is not None:
@@ -260,7 +271,7 @@ class MobileBaseSimulator(Node):
         """The time, and the state as it was measured."""
         self._last_told, stamp = time.monotonic(), self._stamp()
         self._told_times += 1
-        if self._values["publish_clock"]:
+        if self._clock_out is not None:
             self._clock_out.publish(ClockMessage(clock=stamp))
         self._state_message.header.stamp = stamp
         self._joint_states.publish(self._state_message)
@@ -310,9 +321,12 @@ class MobileBaseSimulator(Node):
         return response
 
     def _report(self, elapsed):
+        self._clocks.look()
         level, message = self._robot.health()
         if self._failure:
             level, message = ERROR, self._failure
+        elif level == OK and self._clocks.objection:
+            level, message = WARN, self._clocks.objection
         elif level == OK and self._paused:
             message = f"paused, {self._simulated.simulation.robot.name!r}"
         elif level == OK and self._stopped:

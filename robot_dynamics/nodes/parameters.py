@@ -1,16 +1,25 @@
 """Parameters of nodes: declared with what they are, read in the type that they need, or refused with a reason."""
 
+from array import array
+
 import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.parameter import Parameter
 
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 
 
 def declare(node, parameters):
     """Declare parameters {name: (default, what it is)} of a node. They are typed below, not by rclpy: an integer where
-    a decimal number belongs is no reason to refuse."""
+    a decimal number belongs is no reason to refuse.
+
+    rcl reads `[]` in a parameter file, and behind -p, as a parameter without type and value. Nothing else does that, so
+    the empty list is put back: `ros2 param dump` would write `null` otherwise, which rcl reads as the text 'null'.
+    """
     for name, (default, description) in parameters.items():
-        node.declare_parameter(name, default, ParameterDescriptor(description=description, dynamic_typing=True))
+        descriptor = ParameterDescriptor(description=description, dynamic_typing=True)
+        if node.declare_parameter(name, default, descriptor).type_ == Parameter.Type.NOT_SET:
+            node.set_parameters([Parameter(name, value=[])])
 
 
 def judged(change):
@@ -22,8 +31,19 @@ def judged(change):
     return SetParametersResult(successful=True)
 
 
+def plain(name, value):
+    """The value of a parameter with lists as Python lists, for rclpy gives lists of numbers as array.array.
+
+    Raises QuestionError where there is no value, which is how a client of the node removes a parameter.
+    """
+    if value is None:
+        raise QuestionError(f"parameter {name} is read by this node and cannot be removed")
+    return list(value) if isinstance(value, tuple | array) else value
+
+
 def typed_as(default, name, value, description):
     """The value of a parameter in the type, and of a list in the length, of `default`. Raises QuestionError."""
+    value = plain(name, value)
     if isinstance(default, str | bool):
         if isinstance(value, type(default)):
             return value
@@ -35,7 +55,7 @@ def typed_as(default, name, value, description):
         found = np.array(value, dtype=float)
     except (TypeError, ValueError):
         found = np.array("none")
-    texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list | tuple) else [value]))
+    texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list) else [value]))
     if found.dtype.kind != "f" or texts or found.shape != np.shape(default):
         need = "a number is" if isinstance(default, float) else f"{size} numbers are"
         raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {description}")
@@ -49,20 +69,21 @@ def listed(value):
 
 def names(name, value):
     """The names (a tuple) that the value of a parameter is a list of. Raises QuestionError."""
-    values = listed(value)
+    values = listed(plain(name, value))
     if not all(isinstance(item, str) and item for item in values):
-        raise QuestionError(f"parameter {name} is {value!r}: a list of names is needed")
+        raise QuestionError(f"parameter {name} is {plain(name, value)!r}: a list of names is needed")
     return tuple(values)
 
 
 def numbers(name, value, description):
     """The numbers (a list), as many as there are, that the value of a parameter is. Raises QuestionError."""
-    values = listed(value)
+    values = listed(plain(name, value))
     return typed_as([0.0] * len(values), name, values, description)
 
 
 def whole_number(name, value, least):
     """The value of a parameter that counts something. Raises QuestionError."""
+    value = plain(name, value)
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise QuestionError(f"parameter {name} is {value!r}: a whole number from {least} on is needed")
     return value

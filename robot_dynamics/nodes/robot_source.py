@@ -1,6 +1,7 @@
 """Where a node gets its robot from, and how it gets another while it runs."""
 
 import traceback
+from weakref import WeakSet
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -10,6 +11,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError
 from robot_dynamics.model.inertia import Inertia, symmetric
 from robot_dynamics.model.library import read_file, read_robot
+from robot_dynamics.model.robot import MASSLESS
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.parameters import declare, typed_as
 from robot_dynamics.nodes.qualities import LATCHED
@@ -47,6 +49,7 @@ class RobotSource:
         self._node, self._adopted, self._worker = node, adopted, worker
         self._bare = None, None  # what was read last, and the robot of it: another payload is no reason to read again
         self._dynamics = self._candidate = None
+        self._massless = WeakSet()  # each Dynamics of a description without masses
         self._published = None  # the last text on the topic that was a robot
         self.refusal = (
             "neither robot_description nor robot_file is set, and nothing came on the topic robot_description"
@@ -74,12 +77,23 @@ class RobotSource:
         """Name of the robot, empty where none is loaded."""
         return self._dynamics.robot.name if self._dynamics else ""
 
+    def massless(self, dynamics):
+        """Whether the description of a Dynamics from here has no masses. A payload does not make up for them."""
+        return dynamics in self._massless
+
+    @property
+    def doubt(self):
+        """Why results of the robot are not to be relied on: a sentence, empty for most robots."""
+        return f"robot {self.name!r}: {MASSLESS}" if self.massless(self._dynamics) else ""
+
     def health(self):
         """(level, message) of a DiagnosticStatus: whether a robot is loaded, and whether its last change was."""
         if not self.name:
             return ERROR, f"no robot is loaded: {self.refusal}"
         if self.refusal:
             return WARN, f"last change refused: {self.refusal}"
+        if self.doubt:
+            return WARN, self.doubt
         return OK, f"serving {self.name!r}"
 
     def _settings(self, changes=()):
@@ -112,10 +126,13 @@ class RobotSource:
         if read != (text, source, told):
             robot = read_robot(text, source=source, **told)
             self._bare = (text, source, told), robot
-        robot = with_payload(robot, settings)
+        loaded = with_payload(robot, settings)
         if settings["strict"]:
-            robot.refuse_doubtful()
-        return Dynamics(robot)
+            loaded.refuse_doubtful()
+        dynamics = Dynamics(loaded)
+        if robot.massless:
+            self._massless.add(dynamics)
+        return dynamics
 
     def _adopt(self, dynamics):
         self._dynamics, logger = dynamics, self._node.get_logger()
@@ -125,7 +142,8 @@ class RobotSource:
         robot = dynamics.robot
         link, mass = (self._node.get_parameter(f"payload.{name}").value for name in ("link", "mass"))
         logger.info(f"serving {robot!r}, {f'{mass} kg on {link!r}' if link else 'no payload'}, gravity {robot.gravity}")
-        for warning in robot.warnings:
+        of_description = [MASSLESS] if self.massless(dynamics) else []
+        for warning in dict.fromkeys([*of_description, *robot.warnings]):
             logger.warning(f"robot {robot.name!r}: {warning}")
         if self._adopted is not None:
             self._adopted(dynamics)
@@ -178,7 +196,7 @@ class RobotSource:
 
 def typed(name, value):
     """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
-    if name == "gravity" and np.size(value) == 0:
+    if name == "gravity" and np.size(value) == 0:  # an empty list says as little as an empty text
         value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
     return typed_as(default, name, value, PARAMETERS[name][1])

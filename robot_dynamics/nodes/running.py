@@ -24,6 +24,7 @@ from rclpy.utilities import remove_ros_args
 
 from robot_dynamics.errors import RobotDynamicsError, unknown_name
 from robot_dynamics.symbolic import background
+from robot_dynamics.version import package_version
 
 # A server can get the first request of a client before it has found where that client listens. The middleware then
 # drops the answer, so a first question that is not answered in this time [s] is asked again.
@@ -47,10 +48,11 @@ def run(make_node, arguments=None, executor=SingleThreadedExecutor):
     name = Path(command[0]).stem
     parser = argparse.ArgumentParser(
         prog=name,
-        usage="%(prog)s [--help] [--ros-args -p NAME:=VALUE ... -r OLD:=NEW ... --params-file FILE]",
+        usage="%(prog)s [--help] [--version] [--ros-args -p NAME:=VALUE ... -r OLD:=NEW ... --params-file FILE]",
         description=inspect.getdoc(make_node),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
         _, others = parser.parse_known_args(remove_ros_args(command)[1:])
@@ -109,7 +111,13 @@ def running_node(executable, parameters=None, namespace="/", environment=None, l
         command += ["-r", f"__ns:={namespace}", "--params-file", str(file)]
         for old, new in (remappings or {}).items():
             command += ["-r", f"{old}:={new}"]
-        process = subprocess.Popen(command, env={**os.environ, **(environment or {})}, stdout=log, stderr=log)
+        process = subprocess.Popen(
+            command,
+            env={**os.environ, **(environment or {})},
+            stdout=log,
+            stderr=log,
+            start_new_session=True,  # Ctrl-C in a terminal reaches this process, which then ends the node
+        )
         try:
             yield process
         finally:
@@ -117,11 +125,10 @@ def running_node(executable, parameters=None, namespace="/", environment=None, l
 
 
 def stop(process, patience=20.0):
-    """Interrupt a process as ctrl-C does, and kill it where that does not end it within `patience` seconds."""
+    """Terminate a process, and kill it where that does not end it within `patience` seconds."""
     deadline = time.monotonic() + patience
     while process.poll() is None:
-        # again and again: while Python imports, some libraries swallow the interrupt
-        process.send_signal(signal.SIGINT if time.monotonic() < deadline else signal.SIGKILL)
+        process.send_signal(signal.SIGTERM if time.monotonic() < deadline else signal.SIGKILL)
         with suppress(subprocess.TimeoutExpired):
             process.wait(1.0)
 

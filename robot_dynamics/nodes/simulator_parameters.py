@@ -36,7 +36,11 @@ PARAMETERS = {
     "ground.slip_velocity": (0.01, "at which friction has 0.7 of its full value [m/s]"),
     "joints": ("", "names of the joints in the order of ~/commands; empty: all that have motors"),
     "initial.joints": ("", "names of the joints that initial.positions and initial.velocities are of"),
-    "initial.positions": ("", "of these joints [rad or m]; of the others as the description begins"),
+    "initial.positions": (
+        "",
+        "of these joints [rad or m]; of the others as the description begins, or in the middle of their limits where "
+        "it does not say and zero is beyond them",
+    ),
     "initial.velocities": ("", "of these joints [rad/s or m/s]; empty: at rest"),
     "initial.pose": ([0.0] * 6 + [1.0], "of the base in the world: x, y, z [m], quaternion x, y, z, w"),
     "initial.twist": ([0.0] * 6, "of the base, in its own frame: linear [m/s], angular [rad/s]"),
@@ -125,7 +129,7 @@ def _start(simulation, values):
         places.append(simulation.joint_names.index(name))
     if joints and not (values["initial.positions"] or values["initial.velocities"]):
         raise QuestionError("parameter initial.joints has names, but neither initial.positions nor initial.velocities")
-    initial = {"positions": start.positions.copy(), "velocities": start.velocities.copy()}
+    initial = {"positions": positions_within_limits(simulation), "velocities": start.velocities.copy()}
     for what, array in initial.items():
         told = values[f"initial.{what}"]
         if told:
@@ -136,6 +140,24 @@ def _start(simulation, values):
         raise QuestionError(f"parameter initial.pose has a quaternion of norm {np.linalg.norm(quaternion):g}, not 1")
     pose[:3, :3], pose[:3, 3] = Rotation.from_quat(quaternion).as_matrix(), values["initial.pose"][:3]
     simulation.start(**initial, base=Base(pose, values["initial.twist"]))
+
+
+def positions_within_limits(simulation):
+    """Positions (n,) at which the joints of a Simulation begin where no parameter says it.
+
+    They are those of the description. Where it gives none and zero is beyond the limits of the joint, the joint begins
+    in their middle, or at the limit where there is one alone, as joint_state_publisher has it.
+    """
+    robot, positions = simulation.robot, simulation.state.positions.copy()
+    for place, name in enumerate(simulation.joint_names):
+        number = robot.joint_numbers[name]
+        joint = robot.joints[number]
+        lower, upper = joint.limits.lower, joint.limits.upper
+        if positions[place] or lower <= 0 <= upper or lower > upper or number in robot.looped or joint.spring:
+            continue
+        middle = (lower + upper) / 2
+        positions[place] = middle if np.isfinite(middle) else lower if lower > 0 else upper
+    return positions
 
 
 def _alike(name, values, other, names):

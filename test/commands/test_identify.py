@@ -1,13 +1,16 @@
 """`robot-dynamics identify`: from bags to a description that `replay-check` accepts."""
 
 import json
+import re
 from argparse import Namespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
+from peers.real_robots import real_urdf, without_inertials
 from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_motion, uneven_times, write_bag
 
-from robot_dynamics import load_robot
+from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.commands.known_payloads import carried
 from robot_dynamics.commands.main import main
 from robot_dynamics.errors import RobotDynamicsError
@@ -54,6 +57,25 @@ def test_pieces_between_gaps_that_are_too_short_are_left_out_and_said(bags, tmp_
     assert "samples are in stretches too short to be filtered, and were left out" in capsys.readouterr().out
     friction = [each["value"] for each in json.loads(figures.read_text())["parameters"] if each["name"][:2] == "Fv"]
     assert friction == pytest.approx([1.5] * 7, abs=0.15)
+
+
+def test_a_description_without_masses_gets_them(tmp_path, capsys):
+    """A Unitree Z1 all <inertial> of which were removed: what is fitted has the efforts of the whole robot."""
+    text = real_urdf("z1")
+    model = pin.buildModelFromXML(text)
+    bare, fitted = tmp_path / "bare.urdf", tmp_path / "fitted.yaml"
+    bare.write_text(re.sub(r"<dynamics[^>]*>", "", without_inertials(text)))
+    names = list(model.names)[1:]
+    recorded = panda_motion(40.0, seed=1, model=model, speed=1.5)
+    bag = write_bag(tmp_path / "run", messages(recorded, names))
+    assert main(["identify", str(bag), "--robot", str(bare), "--output", str(fitted)]) == 0
+    assert "48 base parameters with 14 of friction and 7 of drives" in capsys.readouterr().out
+    robot = load_robot(fitted)
+    assert not robot.massless
+    other = panda_motion(5.0, seed=2, model=model)
+    order = [names.index(name) for name in Dynamics(robot).joint_names]
+    efforts = Dynamics(robot).inverse(*(values[:, order] for values in (other.q, other.qd, other.qdd)))
+    assert np.abs(efforts - other.efforts[:, order]).max() < 0.02 * np.abs(other.efforts).max()
 
 
 def test_what_cannot_be_is_refused(bags, tmp_path, capsys):

@@ -10,6 +10,7 @@ from peers.four_bar import random_four_bar
 from peers.loop_states import random_closed_state
 from peers.maximal_coordinates import MaximalCoordinates
 from peers.random_loops import random_loops
+from peers.real_robots import real_urdf, without_inertials
 from peers.scanned import rank_of_efforts
 
 from robot_dynamics import Base, Dynamics, Robot, load_robot
@@ -30,6 +31,16 @@ def test_rx90_has_the_published_forty_and_its_frictions():
     found = base_parameters(Dynamics(load_robot("rx90"), compiled=False))
     inertial = [name for name in found.expressions if name[:2] not in ("Fv", "Fs")]
     assert len(inertial) == 40 and len(found.kept) == 52
+
+
+def test_a_description_without_masses_has_the_same_base_parameters():
+    """48 inertial ones of a Unitree Z1 with its gripper, and two of friction for each of its seven joints."""
+    whole = real_urdf("z1")
+    bare = without_inertials(whole)
+    assert "<inertial>" in whole and "inertial" not in bare
+    found, expected = (base_parameters(Dynamics(load_robot(text), compiled=False)) for text in (bare, whole))
+    assert found.expressions == expected.expressions
+    assert len([name for name in found.expressions if name[:2] not in ("Fv", "Fs")]) == 48 and len(found.kept) == 62
 
 
 @pytest.mark.parametrize("seed", range(6))

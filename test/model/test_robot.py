@@ -150,7 +150,14 @@ def test_impossible_fixed_link_is_no_objection_where_the_whole_body_is_possible(
 def test_link_that_moves_without_mass_is_warned_of():
     text = arm().replace('<mass value="2"/>', '<mass value="0"/>')
     text = text.replace('ixx="0.01"', 'ixx="0"').replace('iyy="0.02"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
-    assert any("shoulder" in warning and "nothing with inertia" in warning for warning in read_urdf(text).warnings)
+    (warning,) = read_urdf(text).warnings  # no link that moves has a mass
+    assert "none of its moving links has a mass" in warning and "robot-dynamics identify" in warning
+    two = text.replace("</robot>", "").rstrip() + (
+        '<link name="free"/><joint name="idle" type="continuous"><parent link="upper"/><child link="free"/></joint>'
+        f'<link name="heavy">{inertial(1, 1, 1, 1)}</link>'
+        '<joint name="hip" type="continuous"><parent link="base"/><child link="heavy"/></joint></robot>'
+    )
+    assert any("idle" in warning and "nothing with inertia" in warning for warning in read_urdf(two).warnings)
 
 
 def test_rod_that_turns_about_itself_is_warned_of():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from peers.reachable import reachable
 
-from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics import DescriptionError, Dynamics, load_robot, shipped_robots
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -73,3 +73,28 @@ def test_gears_of_the_manutec_give_way_under_its_weight():
     for motor, spring, stiffness in ((0, 1, 43 * 105**2), (2, 3, 8 * 210**2), (4, 5, 58 * 60**2)):
         assert found.positions[spring] * stiffness == pytest.approx(-found.efforts[motor], abs=1e-6)
     assert found.stable and 1e-3 < np.abs(found.positions[[1, 3, 5]]).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("path", "hint"),
+    [
+        ("panda.urdf", "The robot that ships is named 'panda', without a folder or a suffix"),
+        ("config/panda.yaml", "The robot that ships is named 'panda', without"),
+        ("PUMA560.par", "The robot that ships is named 'puma560', without"),
+        ("pandas.urdf", "did you mean 'panda'?"),
+        ("/nowhere/ur5.urdf", "Of the robots that ship, 'ur5e' may be meant"),
+    ],
+)
+def test_a_misspelt_path_leads_to_the_robot_that_ships(path, hint):
+    with pytest.raises(DescriptionError, match="cannot be read as a file") as refused:
+        load_robot(path)
+    assert hint in str(refused.value)
+
+
+def test_a_file_that_is_there_and_one_like_no_robot_get_no_hint(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "panda.urdf").write_text("")
+    for path in ("panda.urdf", "/nowhere/something_else.urdf"):
+        with pytest.raises(DescriptionError) as refused:
+            load_robot(path)
+        assert "ship" not in str(refused.value)

@@ -183,4 +183,5 @@ def test_direct_model_without_an_answer_is_refused(caller, start_server):
     one = np.ones((1, 1))
     response = call(caller, server, direct_request(["j"], one, one, one))
     assert not response.success and "nothing with inertia resists joint 'j'" in response.message
-    ask(caller, server, inverse_request(["j"], one, one, one))
+    response = call(caller, server, inverse_request(["j"], one, one, one))
+    assert response.success and "none of its moving links has a mass" in response.message

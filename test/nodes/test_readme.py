@@ -234,7 +234,7 @@ def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
 
 def test_simulators_of_the_readme_run_and_take_its_messages(caller):
     started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" not in command[-1]]
-    said = [command for command in words("ros2 topic pub") if "/mobile_base_simulator/" in command[3]]
+    said = [command[5:] for command in words("ros2 topic pub --rate") if "/mobile_base_simulator/" in command[5]]
     assert len(started) == 3 and len(said) == 2
     for command in started[:2]:
         parameters, namespace = started_as(command)
@@ -243,13 +243,27 @@ def test_simulators_of_the_readme_run_and_take_its_messages(caller):
             node.wait_until(lambda node=node: node.joint_states, "joint_states")
             if namespace == "/space":
                 node.wait_until(lambda node=node: node.odom, "odom")
-            for _, _, _, topic, kind, message in said if namespace == "/" else []:
+            for topic, kind, message in said if namespace == "/" else []:
                 package, _, kind = kind.split("/")
                 message_type = getattr(importlib.import_module(f"{package}.msg"), kind)
                 node.publish(topic, fill(message_type(), yaml.safe_load(message)))
             if namespace == "/":
                 node.wait_until(lambda node=node: any(np.any(s.effort) for s in node.joint_states), "efforts that act")
                 assert not node.says("refused:")
+
+
+def test_commands_of_the_readme_are_published_faster_than_they_time_out():
+    """What is published once a second, as `ros2 topic pub` does by itself, acts for a tenth of the time."""
+    wheels = started_as(next(c for c in words(".venv/bin/mobile_base_simulator") if "--params-file" in c))[0]
+    default, _ = simulator_parameters.PARAMETERS["command_timeout"]
+    published = [command[3:] for command in words("ros2 topic pub")]
+    assert len(published) == 4
+    for first, *others in published:
+        if first == "--once":
+            assert others[0] == "/computed_torque/reference"
+            continue
+        timeout = wheels["command_timeout"] if others[1] == "/cmd_vel" else default
+        assert first == "--rate" and float(others[0]) > 2 / timeout, (first, others)
 
 
 def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(caller):

@@ -1,5 +1,6 @@
 """URDFs of real robots, from the wheel example-robot-data."""
 
+import re
 from pathlib import Path
 
 import pinocchio
@@ -46,3 +47,8 @@ REAL_ROBOTS = {
 
 def real_urdf(name):
     return (ROBOTS / REAL_ROBOTS[name]).read_text()
+
+
+def without_inertials(urdf):
+    """The text of a URDF without its <inertial> elements, as many industrial robots are published."""
+    return re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL)

@@ -1,0 +1,169 @@
+"""Launch files as they are typed, with the nodes that they start as real processes."""
+
+import os
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from nodes.questions import call, inverse_request
+from nodes.stand import trajectory
+from peers.launch_files import ROOT, DeclareLaunchArgument, description, performed, started
+from peers.real_robots import real_urdf
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory
+
+from robot_dynamics.nodes.running import stop
+
+FILES = sorted(path.name for path in (ROOT / "launch").glob("*.launch.py"))
+# simulated time waits for each effort, so that a busy machine loses none
+PATIENT = {
+    "/**/mobile_base_simulator": {"wait_for_commands": "each", "real_time_factor": 0.5},
+    "/**/computed_torque": {"kp": [2500.0], "kd": [100.0], "deadline": 1.0, "state_timeout": 1.0, "ramp_time": 0.0},
+}
+PAUSED = {"/**/mobile_base_simulator": {"start_paused": True}}  # it tells the same time again and again
+UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint"]
+
+
+@contextmanager
+def launched(folder, file, *arguments):
+    """Start what a launch file starts; all of it is gone when the block ends. Yields {executable: its log's Path}."""
+    logs = {}
+    with ExitStack() as stack:
+        for executable, told in started(file, arguments, folder):
+            logs[executable] = folder / f"{executable}_{len(list(folder.iterdir()))}.log"
+            log = stack.enter_context(logs[executable].open("w"))
+            command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args", *told]
+            stack.callback(stop, subprocess.Popen(command, stdout=log, stderr=log))
+        yield logs
+
+
+def with_parameters(folder, values_of):
+    """The launch argument of a parameter file {node: {name: value}}."""
+    path = folder / "parameters.yaml"
+    path.write_text(yaml.safe_dump({node: {"ros__parameters": values} for node, values in values_of.items()}))
+    return f"parameters:={path}"
+
+
+def eventually(caller, condition, logs, patience=60.0):
+    deadline = time.monotonic() + patience
+    while not condition():
+        assert time.monotonic() < deadline, "\n".join(path.read_text() for each in logs for path in each.values())
+        caller.spin(0.1)
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_default_can_be_typed_and_is_what_comes_without_it(file, tmp_path):
+    arguments = [item for item in description(ROOT / "launch" / file) if isinstance(item, DeclareLaunchArgument)]
+    typed = [f"{item.name}:={performed(item.default_value, {})}" for item in arguments]
+    assert {"robot", "namespace"} < {item.name for item in arguments} or file == "dynamics_server.launch.py"
+
+    def contents(told):
+        return [(executable, [open(word).read() if os.path.isfile(word) else word for word in words])
+                for executable, words in started(file, told, tmp_path)]  # fmt: skip
+
+    assert contents(typed) == contents([])
+    for told in contents(["robot:=none"]):
+        assert any("robot_file: ''" in word for word in told[1])
+    with pytest.raises(ValueError, match="malformed launch argument 'robot:='"):
+        started(file, ["robot:="], tmp_path)
+
+
+def test_with_robot_none_the_robot_of_the_topic_is_served(caller, tmp_path):
+    latched = caller.node.create_publisher(
+        String, "/launched/robot_description", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    )
+    latched.publish(String(data=real_urdf("ur5")))
+    zero = np.zeros((1, 6))
+    with launched(tmp_path, "dynamics_server.launch.py", "robot:=none", "namespace:=launched") as logs:
+        request = inverse_request(UR5, zero, zero, zero)
+        eventually(caller, lambda: call(caller, "/launched/dynamics_server", request).success, [logs])
+    caller.node.destroy_publisher(latched)
+
+
+def test_two_closed_loops_run_side_by_side_under_two_namespaces(caller, tmp_path):
+    """Each robot goes where its own reference leads, by a simulated time of its own."""
+    node, names = caller.node, [f"panda_joint{k}" for k in range(1, 8)]
+    moves = {"left": np.array([0.1, -0.1, 0, -0.2, 0, 0.1, 0]), "right": np.array([-0.1, 0, 0.1, -0.1, 0.1, 0, 0.1])}
+    states, held = {}, []
+    for side in moves:
+        keep = lambda message, side=side: states.update({side: message})  # noqa: E731
+        held.append(node.create_subscription(JointState, f"/{side}/joint_states", keep, 1))
+    out = {side: node.create_publisher(JointTrajectory, f"/{side}/computed_torque/reference", 1) for side in moves}
+
+    def moving():
+        times = [state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 for state in states.values()]
+        return len(times) == 2 and min(times) > 0.01 and all(p.get_subscription_count() for p in out.values())
+
+    with ExitStack() as stack:
+        logs = [
+            stack.enter_context(
+                launched(tmp_path, "closed_loop.launch.py", f"namespace:={side}", with_parameters(tmp_path, PATIENT))
+            )
+            for side in moves
+        ]
+        eventually(caller, moving, logs)
+        goals = {side: np.array(states[side].position) + move for side, move in moves.items()}
+        for side, goal in goals.items():
+            out[side].publish(trajectory(names, [0.2], [goal], [np.zeros(7)]))
+
+        def arrived():
+            return all(np.abs(np.array(states[side].position) - goal).max() < 2e-3 for side, goal in goals.items())
+
+        eventually(caller, arrived, logs, patience=120.0)
+        topics = dict(node.get_topic_names_and_types())
+        assert {"/left/clock", "/right/clock"} <= set(topics) and not node.get_publishers_info_by_topic("/clock")
+    for each in logs:
+        assert "clock" not in text(each), text(each)
+    for subscription in held:
+        node.destroy_subscription(subscription)
+
+
+def text(logs):
+    return "\n".join(path.read_text() for path in logs.values())
+
+
+def test_a_second_clock_is_named_by_all_that_it_concerns(caller, tmp_path):
+    diagnostics = []
+    heard = caller.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
+    paused, second = with_parameters(tmp_path, PAUSED), tmp_path / "second"
+    second.mkdir()
+    with launched(tmp_path, "closed_loop.launch.py", "namespace:=left", "clock:=/clock", paused) as first:
+        eventually(caller, lambda: "controls" in text(first) and "simulates" in text(first), [first])
+        with launched(second, "mobile_base_simulator.launch.py", "namespace:=right", paused) as other:
+            both = "/clock is published by /left/mobile_base_simulator and /right/mobile_base_simulator"
+            eventually(caller, lambda: both in first["computed_torque"].read_text(), [first, other])
+            statuses = lambda: [status for message in diagnostics for status in message.status]  # noqa: E731
+            eventually(
+                caller, lambda: any("computed_torque" in s.name and both in s.message for s in statuses()), [first]
+            )
+            says = "/clock is published by {} as well"
+            named = says.format("/left/mobile_base_simulator")
+            eventually(caller, lambda: named in other["mobile_base_simulator"].read_text(), [first, other])
+            named = says.format("/right/mobile_base_simulator")
+            eventually(caller, lambda: named in first["mobile_base_simulator"].read_text(), [first, other])
+            for name in ("left/mobile_base_simulator", "right/mobile_base_simulator"):
+                assert caller.set_parameters(f"/{name}", {"publish_clock": False}).successful
+            eventually(caller, lambda: not caller.node.get_publishers_info_by_topic("/clock"), [first, other])
+        assert text(other).count("as well") == 1 and text(first).count(both) == 1
+    caller.node.destroy_subscription(heard)
+
+
+def test_one_clock_is_no_reason_to_warn_and_one_of_the_same_name_is(caller, tmp_path):
+    simulator, paused = "mobile_base_simulator.launch.py", with_parameters(tmp_path, PAUSED)
+    with launched(tmp_path, simulator, "namespace:=alone", paused) as first:
+        (tmp_path / "own").mkdir()
+        with launched(tmp_path / "own", simulator, "namespace:=own", "clock:=none", paused) as other:
+            eventually(caller, lambda: "simulates" in text(first) and "simulates" in text(other), [first, other])
+            caller.spin(2.5)
+            assert "published by" not in text(first) + text(other)
+        (tmp_path / "same").mkdir()
+        with launched(tmp_path / "same", simulator, "namespace:=alone", paused) as other:
+            named = "/clock is published by another node of the same name as well"
+            eventually(caller, lambda: named in text(first) and named in text(other), [first, other])
