@@ -8,11 +8,23 @@ and Control of Robots, section 14.4):
     damping               ID(q, 0, -K_d q̇)
     pd_gravity            ID(q, 0, K_p e + K_d ė)
     feedforward           ID(q_d, q̇_d, q̈_d) + f(q̇_d)
-    computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_d)
+    computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_f)
 
-Friction is that of the velocity which is wanted: that of a measured one, which is never quite zero, would shake the
-robot where it stands. Where a motor drives its link through a spring, the reference is that of the link, and q_d that
-of the motor which follows from it (`elastic`).
+The velocity of friction q̇_f is that of the reference, q̇_d, or the measured one, q̇. Where the model is right and no
+effort is at its limit, computed_torque leaves
+
+    ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f))
+
+A is the mass matrix of the motors: that of all joints with those eliminated that are not actuated, and a base that
+moves freely. With the measured velocity the right side is zero; but a measured velocity is never quite zero, and the
+sign of Coulomb friction at rest then changes with its noise. With the velocity of the reference the right side does not
+chatter, and takes energy: ėᵀ (f(q̇) - f(q̇_d)) <= 0.
+
+Friction of joints without a motor belongs to ID, at the measured velocity, where it decides how unactuated joints move
+(passive or elastic ones that are part of the state). Where motors and loops place all joints, it is part of f.
+
+Where a motor drives its link through a spring, the reference is that of the link, and q_d that of the motor which
+follows from it (`elastic`).
 """
 
 from dataclasses import replace
@@ -32,6 +44,7 @@ GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY = (
 MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
 WITHOUT_REFERENCE = ("gravity", "damp", "zero")
 TURN = 2 * np.pi
+REFERENCE, MEASURED = FRICTION_VELOCITIES = ("reference", "measured")
 WITHIN = 1e-6  # [rad or m] beyond a limit that is rounding
 
 
@@ -55,13 +68,13 @@ class Law:
         self.twist, self.gravity = np.zeros(6), np.array(robot.gravity)
         self._base = [self.twist, self.gravity] if robot.moving_base else []
         self.gears = gears_of(dynamics, self.joints)
-        smooth = with_rigid_gears(_without_friction(robot), dynamics, self.gears)
+        smooth, rubbing = self._split(robot)
         self._inverse = Dynamics(smooth).compile("inverse")
         self._deflections = Deflections(self.gears, self._demand, len(self.joints)) if len(self.gears.springs) else None
         self.q[self.gears.springs] = self.gears.rest  # where nobody tells of them
         self._efforts, *self._others = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
-        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in robot.joints)
-        self._friction = dynamics.compile("friction") if rubs else None
+        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in rubbing.joints)
+        self._friction = Dynamics(rubbing).compile("friction") if rubs else None
         self._lost = np.zeros(n)
         self._nothing, self._qd_d, self._qdd = np.zeros(n), np.zeros(n), np.zeros(n)
         self._places = {name: k for k, name in enumerate(dynamics.all_joint_names)}
@@ -74,6 +87,15 @@ class Law:
         self._turning = np.array([not joint.prismatic for joint in free]) & np.isinf(self._limits).all(axis=0)
         self._turns = bool(self._turning.any())
         self.error, self.rate_error = np.zeros((2, len(self.joints)))
+
+    def _split(self, robot):
+        """The robot of the inverse model, and that of the friction which is added to its efforts."""
+        springs = {self.dynamics.joint_names[number] for number in self.gears.springs}
+        state = set(self.dynamics.undriven_joint_names) - springs
+        kept = {joint.name for joint in robot.joints if state and not joint.actuated} - springs
+        others = {joint.name for joint in robot.joints} - kept
+        smooth = with_rigid_gears(_without_friction(robot, others), self.dynamics, self.gears)
+        return smooth, _without_friction(robot, kept | springs)
 
     def go_on(self, before):
         """Take over the state from the Law of the same joints that was in use before, as far as both have the same."""
@@ -125,15 +147,18 @@ class Law:
             q[self.gears.springs] = self._deflections.motion[0]
         self._wanted(reference)
         self._run(self._closed(q, self._all_d), self._qd_d, reference[2], out, moving=True)
-        self._add_friction(out)
+        self._add_friction(out, self._qd_d)
 
-    def computed_torque(self, reference, kp, kd, out):
-        """Efforts into out for a reference: the error goes to zero as ë + K_d ė + K_p e = 0 if the model is right."""
+    def computed_torque(self, reference, kp, kd, out, friction_velocity=REFERENCE):
+        """Efforts into out for a reference: ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f)) if the model is right.
+
+        friction_velocity: `reference` or `measured`, the velocity q̇_f of which friction is compensated.
+        """
         self._compare(reference)
         self._wanted(reference)
         wanted = reference[2] + kp * self.error + kd * self.rate_error
         self._run(self._positions(), self.qd, wanted, out, moving=True)
-        self._add_friction(out)
+        self._add_friction(out, self.qd if friction_velocity == MEASURED else self._qd_d)
 
     def _compare(self, reference):
         """Errors of the state from a reference; joints without limits are where they are after whole turns too."""
@@ -183,9 +208,9 @@ class Law:
             np.take(self._efforts, self.rows, out=out, mode="clip")
             self._q = q
 
-    def _add_friction(self, out):
+    def _add_friction(self, out, rates):
         if self._friction is not None:
-            self._friction.evaluate(self._q, self._qd_d, self._lost)
+            self._friction.evaluate(self._q, rates, self._lost)
             out += self._lost[self.rows]
 
 
@@ -211,6 +236,10 @@ def driven_joints(dynamics):
     return tuple(name for name in dynamics.joint_names if name not in dynamics.undriven_joint_names)
 
 
-def _without_friction(robot):
-    joints = [replace(joint, viscous_friction=0.0, coulomb_friction=0.0) for joint in robot.joints]
+def _without_friction(robot, names):
+    """The robot in which some joints have no friction."""
+    joints = [
+        replace(joint, viscous_friction=0.0, coulomb_friction=0.0) if joint.name in names else joint
+        for joint in robot.joints
+    ]
     return replace(robot, joints=tuple(joints))
