@@ -24,7 +24,10 @@ Friction of joints without a motor belongs to ID, at the measured velocity, wher
 (passive or elastic ones that are part of the state). Where motors and loops place all joints, it is part of f.
 
 Where a motor drives its link through a spring, the reference is that of the link, and q_d that of the motor which
-follows from it (`elastic`).
+follows from it (`elastic`); ID takes accelerations of springs from there as well. A is then that of the joints without
+springs, and vibration of the springs adds A⁻¹ A_s (q̈_s - q̈_sd) to the right side, A_s their columns of the mass
+matrix. Positions of springs that are not measured are those of the reference, without a reference those at rest. A base
+and unactuated joints, whose motion is not known ahead, are taken to keep their velocities.
 """
 
 from dataclasses import replace
@@ -70,8 +73,10 @@ class Law:
         self.gears = gears_of(dynamics, self.joints)
         smooth, rubbing = self._split(robot)
         self._inverse = Dynamics(smooth).compile("inverse")
-        self._deflections = Deflections(self.gears, self._demand, len(self.joints)) if len(self.gears.springs) else None
-        self.q[self.gears.springs] = self.gears.rest  # where nobody tells of them
+        self._deflections = self._new_deflections() if len(self.gears.springs) else None
+        # finite, but no position that a sensor gives: springs of which no state is known
+        self._unmeasured = np.nextafter(self.gears.rest, np.inf)
+        self.q[self.gears.springs] = self._unmeasured
         self._efforts, *self._others = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
         rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in rubbing.joints)
         self._friction = Dynamics(rubbing).compile("friction") if rubs else None
@@ -80,6 +85,9 @@ class Law:
         self._places = {name: k for k, name in enumerate(dynamics.all_joint_names)}
         self._given = [self._places[name] for name in dynamics.joint_names]
         self._placed = [self._places[name] for name in dynamics.looped_joint_names]
+        self._numbers = np.array(self._given) if robot.loops else np.arange(n)  # of the joints, in what programs take
+        unactuated = [dynamics.joint_names.index(name) for name in dynamics.undriven_joint_names]
+        self._unactuated = np.setdiff1d(unactuated, self.gears.springs).astype(int)
         self._loops, self._all, self._all_d = bool(robot.loops), *np.zeros((2, len(robot.joints)))
         self._all[:] = self._all_d[:] = np.nan
         free = [robot.joints[self._places[name]] for name in self.joints]
@@ -97,12 +105,17 @@ class Law:
         smooth = with_rigid_gears(_without_friction(robot, others), self.dynamics, self.gears)
         return smooth, _without_friction(robot, kept | springs)
 
+    def _new_deflections(self):
+        return Deflections(self.gears, self._link_side, self._spring_loads, len(self.joints))
+
     def go_on(self, before):
         """Take over the state from the Law of the same joints that was in use before, as far as both have the same."""
         for old, new in ((before.q, self.q), (before.qd, self.qd), (before.looped, self.looped),
                          (before._all, self._all), (before._all_d, self._all_d)):  # fmt: skip
             if len(old) == len(new):
                 new[:] = old
+        if self._deflections is not None and before._deflections is not None:
+            self._deflections.go_on(before._deflections)
         if self.dynamics.robot.moving_base:
             self.twist[:], self.gravity[:] = before.twist, before.gravity
 
@@ -157,8 +170,9 @@ class Law:
         self._compare(reference)
         self._wanted(reference)
         wanted = reference[2] + kp * self.error + kd * self.rate_error
-        self._run(self._positions(), self.qd, wanted, out, moving=True)
-        self._add_friction(out, self.qd if friction_velocity == MEASURED else self._qd_d)
+        q, qd = self._with_springs()
+        self._run(self._positions(q), qd, wanted, out, moving=True)
+        self._add_friction(out, qd if friction_velocity == MEASURED else self._qd_d)
 
     def _compare(self, reference):
         """Errors of the state from a reference; joints without limits are where they are after whole turns too."""
@@ -170,13 +184,24 @@ class Law:
     def _wanted(self, reference):
         self._qd_d[self.rows] = reference[1]
 
-    def _positions(self):
-        """What programs take as q at the state."""
+    def _with_springs(self):
+        """(q, qd) of the state, in which springs that are not measured move as the reference has them."""
+        if self._deflections is None:
+            return self.q, self.qd
+        q, qd, springs, motion = self.q.copy(), self.qd.copy(), self.gears.springs, self._deflections.motion
+        measured = q[springs] != self._unmeasured
+        q[springs] = np.where(measured, q[springs], motion[0])
+        qd[springs] = np.where(measured, qd[springs], motion[1])
+        return q, qd
+
+    def _positions(self, q=None):
+        """What programs take as q at the state, or at q (n,)."""
+        q = self.q if q is None else q
         if not self._loops:
-            return self.q
+            return q
         heard = np.isfinite(self.looped)
         self._all[self._placed] = np.where(heard, self.looped, self._all[self._placed])
-        return self._closed(self.q, self._all)
+        return self._closed(q, self._all)
 
     def _closed(self, q, near):
         """What programs take as q for (n,): where there are loops they are closed from `near`, where that goes on."""
@@ -186,14 +211,47 @@ class Law:
         near[:] = self.dynamics.expand(near)
         return near
 
-    def _demand(self, reference):
-        """Efforts (n,) of a motion of the links, with rigid gears, the other joints where they are."""
-        q = self.q.copy()
-        q[self.rows], q[self.gears.springs] = reference[0], self.gears.rest
-        rates = np.zeros_like(q)
-        rates[self.rows] = reference[1]
-        self._run(self._closed(q, self._all_d), rates, reference[2])
-        return self._efforts
+    def _link_side(self, samples):
+        """What programs take as q, one row for each of samples (nodes, 3, joints) of the links; springs are at rest."""
+        q = np.tile(self.q, (len(samples), 1))
+        q[:, self.rows], q[:, self.gears.springs] = samples[:, 0], self.gears.rest
+        if not self._loops:
+            return q
+        found = np.empty((len(q), len(self._all_d)))
+        for node, positions in enumerate(q):
+            # the same positions are closed once: what stands still has no rates then, to the last digit
+            same = node and np.array_equal(positions, q[node - 1])
+            found[node] = found[node - 1] if same else self._closed(positions, self._all_d)
+        return found
+
+    def _spring_loads(self, positions, samples, deflections):
+        """(nodes, springs) the rows of the springs in the inverse model, for motions of the links.
+
+        positions: of `_link_side`; samples: (nodes, 3, joints); deflections: (nodes, 3, springs) of the springs, by
+        which the motors are behind. Other joints stay where they are, and unactuated ones keep their velocities.
+        """
+        gears, motors, springs = self.gears, self.rows[self.gears.motors], self.gears.springs
+        rates, accelerations = np.zeros((2, len(samples), len(self.q)))
+        rates[:, self._unactuated] = self.qd[self._unactuated]
+        rates[:, self.rows], accelerations[:, self.rows] = samples[:, 1], samples[:, 2]
+        link_rates = rates.copy()  # those of the passive joints of loops, to the last digit
+        positions, places = positions.copy(), self._numbers
+        for values, motor, spring, by in ((positions, places[motors], places[springs], deflections[:, 0]),
+                                          (rates, motors, springs, deflections[:, 1]),
+                                          (accelerations, motors, springs, deflections[:, 2])):  # fmt: skip
+            values[:, motor] -= by
+            values[:, spring] += by
+        if self._loops and not gears.plain:
+            positions = np.array([self._closed(q[self._given], self._all_d).copy() for q in positions])
+            link_rates = rates
+        loads = np.empty((len(samples), len(springs)))
+        for node, q in enumerate(positions):
+            self._inverse.evaluate(q, rates[node], accelerations[node], *self._base, self._efforts, *self._others)
+            loads[node] = self._efforts[springs]
+            if self._loops and self._friction is not None:
+                self._friction.evaluate(q, link_rates[node], self._lost)
+                loads[node] += self._lost[springs]
+        return loads
 
     def _run(self, q, qd, accelerations, out=None, moving=False):
         """Efforts into out for accelerations of the joints that get them, None for zero.
