@@ -48,6 +48,7 @@ MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
 WITHOUT_REFERENCE = ("gravity", "damp", "zero")
 TURN = 2 * np.pi
 REFERENCE, MEASURED = FRICTION_VELOCITIES = ("reference", "measured")
+SETTLING = 10  # steps in which the deflections of a robot at rest are found
 WITHIN = 1e-6  # [rad or m] beyond a limit that is rounding
 
 
@@ -96,9 +97,14 @@ class Law:
         self._turns = bool(self._turning.any())
         self.error, self.rate_error = np.zeros((2, len(self.joints)))
 
+    @property
+    def spring_names(self):
+        """Names of the springs behind controlled motors; their positions need not be measured."""
+        return tuple(self.dynamics.joint_names[number] for number in self.gears.springs)
+
     def _split(self, robot):
         """The robot of the inverse model, and that of the friction which is added to its efforts."""
-        springs = {self.dynamics.joint_names[number] for number in self.gears.springs}
+        springs = set(self.spring_names)
         state = set(self.dynamics.undriven_joint_names) - springs
         kept = {joint.name for joint in robot.joints if state and not joint.actuated} - springs
         others = {joint.name for joint in robot.joints} - kept
@@ -114,6 +120,9 @@ class Law:
                          (before._all, self._all), (before._all_d, self._all_d)):  # fmt: skip
             if len(old) == len(new):
                 new[:] = old
+        if self.spring_names == before.spring_names:
+            springs = self.gears.springs
+            self.q[springs] = np.where(before.q[springs] == before._unmeasured, self._unmeasured, self.q[springs])
         if self._deflections is not None and before._deflections is not None:
             self._deflections.go_on(before._deflections)
         if self.dynamics.robot.moving_base:
@@ -137,6 +146,30 @@ class Law:
         else:
             self._deflections.motor_side(followed, time, reference)
             self._qd_d[self.gears.springs] = self._deflections.motion[1]
+
+    def links(self):
+        """(2, joints) where the links are that references are of, and how they move.
+
+        Beyond elastic gears that is the motor and the deflection of its spring: as measured, else as a robot at rest
+        has it where its motors are.
+        """
+        here = np.stack([self.q[self.rows], self.qd[self.rows]])
+        if self._deflections is None:
+            return here
+        gears = self.gears
+        measured, motors = self.q[gears.springs] != self._unmeasured, here[0, gears.motors].copy()
+        deflections = np.where(measured, self.q[gears.springs] - gears.rest, 0.0)
+        here[1, gears.motors] += np.where(measured, self.qd[gears.springs], 0.0)
+        samples = np.zeros((1, 3, len(self.joints)))
+        for _ in range(0 if measured.all() else SETTLING):
+            samples[0, 0] = here[0]
+            samples[0, 0, gears.motors] = motors + deflections
+            held = np.zeros((1, 3, len(motors)))
+            held[0, 0] = deflections
+            loads = self._spring_loads(self._link_side(samples), samples, held)[0]
+            deflections = np.where(measured, deflections, -loads / gears.stiffness)
+        here[0, gears.motors] = motors + deflections
+        return here
 
     def gravity_compensation(self, out):
         """Efforts into out: those that hold the robot where it is."""

@@ -1,6 +1,8 @@
 """Feedforward through elastic gears: the links of independent plants move as the reference says, springs with dampers,
 bodies between motors and springs, and loops included."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -314,11 +316,16 @@ def test_rates_of_motors_are_zero_where_the_links_stand(name):
 
 
 def test_springs_that_are_not_measured_are_taken_to_be_as_the_reference_has_them():
-    """On the reference, measured or not, computed torque is the feedforward."""
+    """On the reference, measured or not, computed torque is the feedforward; after another Law was in use, too."""
     law = law_of(load_robot("manutec_r3"))
     swing = Swing(np.linspace(0.2, 0.8, 6), 0.3, np.linspace(3, 6, 6))
     whole, efforts = motion(law, swing, 0.4)
-    law.q[law.rows], law.qd[law.rows] = whole[:2, law.rows]
+    other = replace(law.dynamics.robot, joints=tuple(
+        joint if joint.spring is None else replace(joint, spring=replace(joint.spring, rest=joint.spring.rest + 0.1))
+        for joint in law.dynamics.robot.joints))  # fmt: skip
+    before = law_of(other)  # whose springs rest elsewhere, not measured either
+    before.q[law.rows], before.qd[law.rows] = whole[:2, law.rows]
+    law.go_on(before)
     for measured in (False, True):
         if measured:
             law.q[:], law.qd[:] = whole[:2]

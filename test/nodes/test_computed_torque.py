@@ -157,6 +157,26 @@ def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
     comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
 
 
+def test_springs_behind_motors_need_no_state_and_their_links_follow(stand):
+    manutec = Dynamics(load_robot("manutec_r3"), compiled=False)
+    made = stand({"robot_file": "manutec_r3", "mode": "feedforward", "ramp_time": 0.01})
+    motors = [name for name in manutec.joint_names if name not in manutec.undriven_joint_names]
+    state = {"q": np.array([0.0, 0.5, 0.4, 0.2, -0.3, 0.1]), "qd": np.zeros(6), "names": motors}
+    goal = np.array([0.1, 0.7, 0.5, 0.2, -0.2, 0.1])
+    made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
+    made.reference.publish(trajectory(motors, [0.0, 0.1], [goal, goal]))
+    made.stream_until(
+        lambda: any(message == "feedforward" for _, message, _ in made.diagnostics), "no objection", **state
+    )
+    # the springs hold the links where the reference wants them, and motors hold the springs
+    q, springs = np.zeros(9), [manutec.joint_names.index(name) for name in manutec.undriven_joint_names]
+    q[[manutec.joint_names.index(name) for name in motors]] = goal
+    held = manutec.gravity(q)
+    assert np.abs(held[springs]).max() > 10
+    expected = [held[manutec.joint_names.index(name)] for name in motors]
+    made.stream_until(lambda: np.abs(last(made) - expected).max() < 1e-9, "the efforts of the goal", **state)
+
+
 def test_friction_is_that_of_the_reference_or_where_it_is_wanted_of_the_measured_velocity(stand):
     puma = Dynamics(load_robot("puma560"), compiled=False)
     q, qd = np.array([0.1, -0.5, 0.3, 0.2, 0.4, -0.3]), np.array([0.2, -0.1, 0.3, -0.2, 0.1, 0.4])
