@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.control.blend import Blend
-from robot_dynamics.control.law import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY
+from robot_dynamics.control.law import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
 from robot_dynamics.control.reference import Point, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
@@ -16,7 +16,8 @@ from robot_dynamics.errors import QuestionError, RobotDynamicsError
 class Settings:
     """What the parameters say of the controller of some joints.
 
-    kp: (joints,) [1/s²]; kd: (joints,) [1/s]; limits: (joints,) efforts [N m or N]; times in s.
+    kp: (joints,) [1/s²]; kd: (joints,) [1/s]; limits: (joints,) efforts [N m or N]; times in s. friction_velocity:
+    of which computed_torque compensates the friction, `reference` or `measured`.
     """
 
     mode: str
@@ -29,6 +30,7 @@ class Settings:
     ramp_time: float = 0.1
     deadline: float = 0.005
     deadline_misses: int = 10
+    friction_velocity: str = REFERENCE
 
 
 class Controller:
@@ -123,7 +125,7 @@ class Controller:
                 "time_from_start 0 needs none"
             )
         else:
-            here[0], here[1] = law.q[law.rows], law.qd[law.rows]
+            here[:2] = law.links()
         return np.where(np.isnan(first), np.nan, here)
 
     def track(self, now, time, told):
@@ -212,7 +214,7 @@ class Controller:
             return self._unled(out)
         law.refer(followed, time, self.reference)
         if mode == COMPUTED_TORQUE:
-            law.computed_torque(self.reference, settings.kp, settings.kd, out)
+            law.computed_torque(self.reference, settings.kp, settings.kd, out, settings.friction_velocity)
         elif mode == FEEDFORWARD:
             law.feedforward(self.reference, out)
         elif mode == PD_GRAVITY:

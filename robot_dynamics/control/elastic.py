@@ -1,18 +1,40 @@
 """Elastic gears: a reference of the link beyond a motor and its spring, turned into one of the motor.
 
-A motor q_m turns one end of a spring, the other end of which carries the link at q_l = q_m + q_s. The spring bears
-what the link needs, τ_s = -k (q_s - q₀), and that is known from the motion wanted alone: τ_s(q_l, q̇_l, q̈_l) of the
-robot with rigid gears. So q_s, and with it q_m = q_l - (q_s - q₀), follows from the reference and its first two
-derivatives; velocity and acceleration of q_s from those after these, which are differences in time here. The position
-q₀ of the spring at rest is counted to the link: with the gear unloaded motor and reference agree. Source: the inverse
-model of elastic joints of Khalil, section 6, for a motion of the links.
+A motor q_m moves one end of a spring with a damper; the other end carries the link at y = q_m + δ, where δ = q_s - q₀
+is the deflection of the spring. Spring and damper transmit what the link needs:
+
+    d δ̇ + k δ = τ,    τ = -(row of the spring in the inverse dynamics of the robot, spring and damper left out)
+
+τ follows from the motion (y, ẏ, ÿ) of the links, and, where the bodies between motors and springs have inertia, from
+(δ, δ̇, δ̈) too. The motor then moves as q_m = y - δ. The position q₀ of the spring at rest is counted to the link: with
+the gear unloaded motor and reference agree. Source: the inverse model of elastic joints of Khalil, section 6, for a
+motion of the links.
+
+The solution of the equation is the sum of two parts. Where τ is the polynomial p through its values at NODES around a
+time, one part is the polynomial σ with d σ̇ + k σ = p, which solves it exactly. The other, c exp(-k t / d), is the
+memory of the damper: it keeps δ continuous where the reference changes its law or is replaced. It is the only state,
+and is forgotten after some multiples of d / k. Where d / k is less than SPACING it is left out: efforts at some kHz
+cannot follow it. Where τ depends on δ, its rate would be another than k / d; dampers for which it counts, those with
+d / k above LONGEST, are refused there.
 """
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-STEP = 4e-3  # [s] between the motions that velocities and accelerations of springs are differences of
+from robot_dynamics.control.reference import Point
+from robot_dynamics.errors import QuestionError, RobotDynamicsError
+
+SPACING = 2e-3  # [s] between two nodes; a jump of the derivative of τ is spread over all of them
+NODES = np.arange(-3, 4)  # of the polynomial around a time, in SPACING
+STRIDE = 3 * SPACING  # [s] for which a polynomial is used
+FORGOTTEN = 30.0  # multiples of d / k after which nothing is left of a deflection
+MOST_STRIDES = 250  # through the past of a reference that begins to be followed in the midst of its motion
+NEGLIGIBLE = 1e-12  # part of a deflection
+LONGEST = 5e-3  # d / k [s] of a spring behind a motor that moves a body
+PASSES = 10  # through the nodes, where τ depends on the deflections
+SETTLED = 1e-8  # part of the deflections that a pass may still change; the next one changes less
+DIVERGED = 1e-2  # part that the last pass may change: more is no solution
 ALONG = 1e-9  # how far the axes of a motor and of its spring may be from each other
 
 
@@ -20,35 +42,113 @@ ALONG = 1e-9  # how far the axes of a motor and of its spring may be from each o
 class Gears:
     """Springs behind motors, the same axis for both.
 
-    motors: their places among the joints that get efforts; springs: numbers in dynamics.joint_names; stiffness, rest:
-    of the springs.
+    motors: their places among the joints that get efforts; springs: numbers in dynamics.joint_names; stiffness, rest,
+    damping: of the springs, viscous friction of their joints counted in the damping. plain: whether nothing but the
+    spring is attached to the link of each motor; light: whether τ does not depend on deflections.
     """
 
     motors: np.ndarray
     springs: np.ndarray
     stiffness: np.ndarray
     rest: np.ndarray
+    damping: np.ndarray
+    plain: bool = True
+    light: bool = True
 
 
 def gears_of(dynamics, joints):
-    """The Gears of a robot that lie behind those of its motors that are controlled."""
-    robot, found = dynamics.robot, []
-    for number, joint in enumerate(robot.joints):
-        motor = joint.antecedent - 1
-        if joint.role != "elastic" or joint.name not in dynamics.joint_names or motor < 0 or not joint.spring.stiffness:
-            continue
-        if robot.joints[motor].name in joints and _same_axis(robot.joints[motor], robot.joints[number]):
-            place = joints.index(robot.joints[motor].name)
-            spring = dynamics.joint_names.index(joint.name)
-            found.append((place, spring, joint.spring.stiffness, joint.spring.rest))
-    motors, springs, stiffness, rest = np.array(found, dtype=float).reshape(-1, 4).T
-    return Gears(motors.astype(int), springs.astype(int), stiffness, rest)
+    """The Gears of a robot that lie behind those of its motors that are controlled.
+
+    Raises QuestionError where no motion of a motor moves the link as wanted, or it cannot be computed: Coulomb friction
+    beside the spring, two springs behind one motor, a slow damper behind a motor that moves a body.
+    """
+    robot = dynamics.robot
+    numbers = [number for number, joint in enumerate(robot.joints) if _is_gear(dynamics, joints, number)]
+    motors = [robot.joints[number].antecedent - 1 for number in numbers]
+    elastic = [robot.joints[number] for number in numbers]
+    for joint, motor in zip(elastic, motors, strict=True):
+        if joint.coulomb_friction:
+            raise QuestionError(
+                f"joint {joint.name!r} has Coulomb friction beside its spring: the motor {robot.joints[motor].name!r} "
+                "would have to jump where the spring reverses. Give that friction to the motor, or leave the motor out "
+                "of the joints that get efforts"
+            )
+        if motors.count(motor) > 1:
+            raise QuestionError(
+                f"more than one spring is behind the motor {robot.joints[motor].name!r}: it cannot move the links of "
+                "both as wanted. Leave it out of the joints that get efforts"
+            )
+    gears = _gears(dynamics, joints, motors, numbers)
+    slow = np.flatnonzero(gears.damping > LONGEST * gears.stiffness)
+    if len(slow) and not gears.light:
+        joint, motor = elastic[slow[0]], robot.joints[motors[slow[0]]]
+        raise QuestionError(
+            f"joint {joint.name!r} has a damper with d / k of {gears.damping[slow[0]] / joint.spring.stiffness:.3g} s: "
+            "where what springs transmit depends on their deflections, as of bodies between motors and springs, "
+            f"{LONGEST:g} s at most can be compensated. Give the spring less damping, or leave {motor.name!r} out of "
+            "the joints that get efforts"
+        )
+    return gears
+
+
+def _gears(dynamics, joints, motors, numbers):
+    """The Gears of motors and of their elastic joints, by number."""
+    robot = dynamics.robot
+    elastic = [robot.joints[number] for number in numbers]
+    springs = [joint.spring for joint in elastic]
+    alone = [_attached(robot, motor + 1) == 1 for motor in motors]
+    reacts = robot.loops or robot.moving_base or len(dynamics.undriven_joint_names) > len(numbers)
+    still = [_moves_nothing(robot, motor, numbers, reacts) for motor in motors]
+    return Gears(
+        np.array([joints.index(robot.joints[motor].name) for motor in motors], dtype=int),
+        np.array([dynamics.joint_names.index(joint.name) for joint in elastic], dtype=int),
+        np.array([spring.stiffness for spring in springs]),
+        np.array([spring.rest for spring in springs]),
+        np.array([joint.spring.damping + joint.viscous_friction for joint in elastic]),
+        all(alone),
+        all(still) and not any(joint.rotor_inertia for joint in elastic),
+    )
+
+
+def _is_gear(dynamics, joints, number):
+    robot, joint = dynamics.robot, dynamics.robot.joints[number]
+    motor = joint.antecedent - 1
+    if joint.role != "elastic" or joint.name not in dynamics.joint_names or motor < 0 or not joint.spring.stiffness:
+        return False
+    return robot.joints[motor].name in joints and _same_axis(robot.joints[motor], joint)
 
 
 def _same_axis(motor, spring):
     R, P = spring.placement[:3, :3], spring.placement[:3, 3]
     off = 0.0 if motor.prismatic else np.abs(P[:2]).max()
     return motor.prismatic == spring.prismatic and abs(R[2, 2] - 1) < ALONG and off < ALONG
+
+
+def _attached(robot, link):
+    """How many joints are attached to a link, ends of loops and joints that follow its own joint counted too."""
+    children = sum(joint.antecedent == link for joint in robot.joints)
+    ends = sum(end.link == link for loop in robot.loops for end in loop.ends)
+    return children + ends + _followers(robot, link - 1)
+
+
+def _followers(robot, number):
+    name = robot.joints[number].name
+    return sum(joint.mimic is not None and joint.mimic.joint == name for joint in robot.joints)
+
+
+def _moves_nothing(robot, motor, springs, reacts):
+    """Whether no spring feels how a motor moves in itself, the links beyond the springs moving as they do.
+
+    motor: number of its joint; springs: those of the springs. reacts: whether what moves somewhere moves all else, by
+    loops, a free base or unactuated joints; else a spring feels what is beyond it alone.
+    """
+    link, beyond = robot.joints[motor].antecedent, bool(reacts)
+    while link and not beyond:
+        beyond = link - 1 in springs
+        link = robot.joints[link - 1].antecedent
+    if not beyond:
+        return not _followers(robot, motor)
+    return _attached(robot, motor + 1) == 1 and not np.any(robot.links[motor + 1].inertia.spatial)
 
 
 def with_rigid_gears(robot, dynamics, gears):
@@ -61,23 +161,130 @@ def with_rigid_gears(robot, dynamics, gears):
 class Deflections:
     """What the springs do while the links move as wanted: `motion` (3, springs), positions, velocities, accelerations.
 
-    demand: a function of references (3, joints) that gives efforts (n,) of the robot with rigid gears.
+    place: a function of samples (nodes, 3, joints) of the reference of the links that gives positions of the robot,
+    with springs at rest, one row a node. load: a function of such positions, of the samples, and of deflections with
+    their derivatives (nodes, 3, springs), that gives -τ (nodes, springs).
     """
 
-    def __init__(self, gears, demand, joints):
-        self._gears, self._demand = gears, demand
-        self._samples = np.zeros((3, 3, joints))  # before, at and after the time asked
-        self.motion = np.zeros((3, len(gears.springs)))
+    def __init__(self, gears, place, load, joints):
+        count = len(gears.springs)
+        self._gears, self._place, self._load = gears, place, load
+        self._samples = np.zeros((len(NODES), 3, joints))
+        self._near = np.zeros((len(NODES), 3, count))
+        lasts = gears.damping / gears.stiffness  # [s] in which the part of the damper falls to 1 / e
+        self._solution = _solution(gears.stiffness, lasts)
+        self._lasts = np.where(gears.light & (lasts > SPACING), lasts, 0.0)
+        self._time, self._deflection = None, np.zeros(count)
+        self.motion = np.zeros((3, count))
+
+    def go_on(self, before):
+        """Take over the deflections from those of the same springs that were in use before."""
+        if len(before._deflection) == len(self._deflection):
+            self._time, self._deflection[:] = before._time, before._deflection
 
     def motor_side(self, followed, time, reference):
-        """Write into reference (3, joints) what the motors should do, that the links do as `followed` says."""
-        positions = []
-        for k, sample in enumerate(self._samples):
-            followed.sample(time + (k - 1) * STEP, sample)
-            demanded = self._demand(sample)[self._gears.springs]
-            positions.append(self._gears.rest - demanded / self._gears.stiffness)
-        before, now, after = positions
-        self.motion[:] = now, (after - before) / (2 * STEP), (after - 2 * now + before) / STEP**2
-        np.copyto(reference, self._samples[1])
+        """Write into reference (3, joints) what the motors should do, that the links do as `followed` says.
+
+        Raises RobotDynamicsError where there is no such motion.
+        """
+        self._go_to(followed, time)
+        self._solve(followed, time)
+        self.motion[:] = self._near[CENTRE]
+        self._time, self._deflection[:] = time, self.motion[0]
+        np.copyto(reference, self._samples[CENTRE])
         reference[:, self._gears.motors] -= self.motion
-        reference[0, self._gears.motors] += self._gears.rest
+        self.motion[0] += self._gears.rest
+
+    def _go_to(self, followed, time):
+        """Solve the equation until less than a STRIDE before a time, where dampers have a memory."""
+        reach = FORGOTTEN * self._lasts.max()
+        if not reach:
+            self._time = None
+            return
+        if self._time is None or not time - reach <= self._time <= time:
+            past = time - min(reach, MOST_STRIDES * STRIDE)
+            start = min(max(getattr(followed, "start", past), past), time)
+            self._time = None
+            self._solve(followed, start)
+            self._time, self._deflection[:] = start, -self._loads[CENTRE] / self._gears.stiffness
+        while time - self._time > STRIDE:
+            now = self._time + STRIDE
+            self._solve(followed, now)
+            self._time, self._deflection[:] = now, self._near[CENTRE, 0]
+
+    def _solve(self, followed, time):
+        """Write deflections and their derivatives at the nodes around a time into _near, from what they were before.
+
+        Raises RobotDynamicsError where passes through the nodes, each with the loads of the last one, do not settle.
+        """
+        self._sample(followed, time)
+        positions, near = self._place(self._samples), self._near
+        near[:] = 0.0
+        for _ in range(1 if self._gears.light else PASSES):
+            before = near[:, 0].copy()
+            self._loads = self._load(positions, self._samples, near)
+            coefficients = self._slow_part(self._loads)
+            near[:] = np.swapaxes(DERIVATIVES @ coefficients, 0, 1)
+            near += self._damper_part(coefficients, time)
+            change, most = np.abs(near[:, 0] - before).max(), np.abs(near[:, 0]).max()
+            if change <= SETTLED * most:
+                return
+        if not (self._gears.light or change <= DIVERGED * most):
+            stiffness = ", ".join(f"{k:g}" for k in self._gears.stiffness)
+            raise RobotDynamicsError(
+                "the deflections of the elastic gears cannot be computed: for what moves between the motors and the "
+                f"springs these are too soft (stiffness {stiffness}). Leave their motors out of the joints that get "
+                "efforts, or use a mode without a reference"
+            )
+
+    def _slow_part(self, loads):
+        """(powers, springs) coefficients of σ, of powers of (t - time) / SPACING, for loads (nodes, springs)."""
+        # differences from the middle: at rest the rates are zero to the last digit, as friction has a sign
+        coefficients = (self._solution @ (loads[CENTRE] - loads).T[..., None])[..., 0].T
+        coefficients[0] -= loads[CENTRE] / self._gears.stiffness
+        return coefficients
+
+    def _damper_part(self, coefficients, time):
+        """(nodes, 3, springs) what is left around a time of the difference between δ and σ before."""
+        if self._time is None:
+            return 0.0
+        since = self._time - time
+        with np.errstate(all="ignore"):
+            left = (self._deflection - (since / SPACING) ** POWERS @ coefficients) * np.exp(since / self._lasts)
+            left[~((self._lasts > 0) & (np.abs(left) > NEGLIGIBLE * np.abs(coefficients[0])))] = 0.0
+            rates = np.where(left != 0.0, -1.0 / self._lasts, 0.0)
+        return left * np.exp(rates * TIMES[:, None, None]) * rates ** np.arange(3)[:, None]
+
+    def _sample(self, followed, time):
+        """Write the samples of the reference at the nodes around a time."""
+        if not isinstance(followed, Point):
+            for since, sample in zip(TIMES, self._samples, strict=True):
+                followed.sample(time + since, sample)
+            return
+        centre = np.empty_like(self._samples[CENTRE])  # the point before is not known any more: this one goes on
+        followed.sample(time, centre)
+        since = TIMES[:, None]
+        self._samples[:, 0] = centre[0] + since * centre[1] + 0.5 * since**2 * centre[2]
+        self._samples[:, 1] = centre[1] + since * centre[2]
+        self._samples[:, 2] = centre[2]
+
+
+def _solution(stiffness, lasts):
+    """(springs, powers, nodes) from the differences of τ at the nodes from the middle one to the coefficients of σ."""
+    polynomial = np.linalg.inv(NODES[:, None] ** POWERS.astype(float))
+    derivative = np.diag(POWERS[1:], 1)
+    slow = np.linalg.inv(np.eye(len(POWERS)) + lasts[:, None, None] / SPACING * derivative)
+    return slow @ polynomial / stiffness[:, None, None]
+
+
+CENTRE = len(NODES) // 2
+TIMES = NODES * SPACING
+POWERS = np.arange(len(NODES))
+DERIVATIVES = np.stack(
+    [
+        np.where(POWERS >= d, NODES[:, None] ** np.maximum(POWERS - d, 0.0), 0.0)
+        * np.array([np.prod(np.arange(power, power - d, -1), initial=1.0) for power in POWERS])
+        / SPACING**d
+        for d in range(3)
+    ]
+)  # (3, nodes, powers) from coefficients to values, first and second derivatives at the nodes

@@ -8,11 +8,26 @@ and Control of Robots, section 14.4):
     damping               ID(q, 0, -K_d q̇)
     pd_gravity            ID(q, 0, K_p e + K_d ė)
     feedforward           ID(q_d, q̇_d, q̈_d) + f(q̇_d)
-    computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_d)
+    computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_f)
 
-Friction is that of the velocity which is wanted: that of a measured one, which is never quite zero, would shake the
-robot where it stands. Where a motor drives its link through a spring, the reference is that of the link, and q_d that
-of the motor which follows from it (`elastic`).
+The velocity of friction q̇_f is that of the reference, q̇_d, or the measured one, q̇. Where the model is right and no
+effort is at its limit, computed_torque leaves
+
+    ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f))
+
+A is the mass matrix of the motors: that of all joints with those eliminated that are not actuated, and a base that
+moves freely. With the measured velocity the right side is zero; but a measured velocity is never quite zero, and the
+sign of Coulomb friction at rest then changes with its noise. With the velocity of the reference the right side does not
+chatter, and takes energy: ėᵀ (f(q̇) - f(q̇_d)) <= 0.
+
+Friction of joints without a motor belongs to ID, at the measured velocity, where it decides how unactuated joints move
+(passive or elastic ones that are part of the state). Where motors and loops place all joints, it is part of f.
+
+Where a motor drives its link through a spring, the reference is that of the link, and q_d that of the motor which
+follows from it (`elastic`); ID takes accelerations of springs from there as well. A is then that of the joints without
+springs, and vibration of the springs adds A⁻¹ A_s (q̈_s - q̈_sd) to the right side, A_s their columns of the mass
+matrix. Positions of springs that are not measured are those of the reference, without a reference those at rest. A base
+and unactuated joints, whose motion is not known ahead, are taken to keep their velocities.
 """
 
 from dataclasses import replace
@@ -32,6 +47,8 @@ GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY = (
 MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
 WITHOUT_REFERENCE = ("gravity", "damp", "zero")
 TURN = 2 * np.pi
+REFERENCE, MEASURED = FRICTION_VELOCITIES = ("reference", "measured")
+SETTLING = 10  # steps in which the deflections of a robot at rest are found
 WITHIN = 1e-6  # [rad or m] beyond a limit that is rounding
 
 
@@ -55,18 +72,23 @@ class Law:
         self.twist, self.gravity = np.zeros(6), np.array(robot.gravity)
         self._base = [self.twist, self.gravity] if robot.moving_base else []
         self.gears = gears_of(dynamics, self.joints)
-        smooth = with_rigid_gears(_without_friction(robot), dynamics, self.gears)
+        smooth, rubbing = self._split(robot)
         self._inverse = Dynamics(smooth).compile("inverse")
-        self._deflections = Deflections(self.gears, self._demand, len(self.joints)) if len(self.gears.springs) else None
-        self.q[self.gears.springs] = self.gears.rest  # where nobody tells of them
+        self._deflections = self._new_deflections() if len(self.gears.springs) else None
+        # finite, but no position that a sensor gives: springs of which no state is known
+        self._unmeasured = np.nextafter(self.gears.rest, np.inf)
+        self.q[self.gears.springs] = self._unmeasured
         self._efforts, *self._others = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
-        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in robot.joints)
-        self._friction = dynamics.compile("friction") if rubs else None
+        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in rubbing.joints)
+        self._friction = Dynamics(rubbing).compile("friction") if rubs else None
         self._lost = np.zeros(n)
         self._nothing, self._qd_d, self._qdd = np.zeros(n), np.zeros(n), np.zeros(n)
         self._places = {name: k for k, name in enumerate(dynamics.all_joint_names)}
         self._given = [self._places[name] for name in dynamics.joint_names]
         self._placed = [self._places[name] for name in dynamics.looped_joint_names]
+        self._numbers = np.array(self._given) if robot.loops else np.arange(n)  # of the joints, in what programs take
+        unactuated = [dynamics.joint_names.index(name) for name in dynamics.undriven_joint_names]
+        self._unactuated = np.setdiff1d(unactuated, self.gears.springs).astype(int)
         self._loops, self._all, self._all_d = bool(robot.loops), *np.zeros((2, len(robot.joints)))
         self._all[:] = self._all_d[:] = np.nan
         free = [robot.joints[self._places[name]] for name in self.joints]
@@ -75,12 +97,34 @@ class Law:
         self._turns = bool(self._turning.any())
         self.error, self.rate_error = np.zeros((2, len(self.joints)))
 
+    @property
+    def spring_names(self):
+        """Names of the springs behind controlled motors; their positions need not be measured."""
+        return tuple(self.dynamics.joint_names[number] for number in self.gears.springs)
+
+    def _split(self, robot):
+        """The robot of the inverse model, and that of the friction which is added to its efforts."""
+        springs = set(self.spring_names)
+        state = set(self.dynamics.undriven_joint_names) - springs
+        kept = {joint.name for joint in robot.joints if state and not joint.actuated} - springs
+        others = {joint.name for joint in robot.joints} - kept
+        smooth = with_rigid_gears(_without_friction(robot, others), self.dynamics, self.gears)
+        return smooth, _without_friction(robot, kept | springs)
+
+    def _new_deflections(self):
+        return Deflections(self.gears, self._link_side, self._spring_loads, len(self.joints))
+
     def go_on(self, before):
         """Take over the state from the Law of the same joints that was in use before, as far as both have the same."""
         for old, new in ((before.q, self.q), (before.qd, self.qd), (before.looped, self.looped),
                          (before._all, self._all), (before._all_d, self._all_d)):  # fmt: skip
             if len(old) == len(new):
                 new[:] = old
+        if self.spring_names == before.spring_names:
+            springs = self.gears.springs
+            self.q[springs] = np.where(before.q[springs] == before._unmeasured, self._unmeasured, self.q[springs])
+        if self._deflections is not None and before._deflections is not None:
+            self._deflections.go_on(before._deflections)
         if self.dynamics.robot.moving_base:
             self.twist[:], self.gravity[:] = before.twist, before.gravity
 
@@ -102,6 +146,30 @@ class Law:
         else:
             self._deflections.motor_side(followed, time, reference)
             self._qd_d[self.gears.springs] = self._deflections.motion[1]
+
+    def links(self):
+        """(2, joints) where the links are that references are of, and how they move.
+
+        Beyond elastic gears that is the motor and the deflection of its spring: as measured, else as a robot at rest
+        has it where its motors are.
+        """
+        here = np.stack([self.q[self.rows], self.qd[self.rows]])
+        if self._deflections is None:
+            return here
+        gears = self.gears
+        measured, motors = self.q[gears.springs] != self._unmeasured, here[0, gears.motors].copy()
+        deflections = np.where(measured, self.q[gears.springs] - gears.rest, 0.0)
+        here[1, gears.motors] += np.where(measured, self.qd[gears.springs], 0.0)
+        samples = np.zeros((1, 3, len(self.joints)))
+        for _ in range(0 if measured.all() else SETTLING):
+            samples[0, 0] = here[0]
+            samples[0, 0, gears.motors] = motors + deflections
+            held = np.zeros((1, 3, len(motors)))
+            held[0, 0] = deflections
+            loads = self._spring_loads(self._link_side(samples), samples, held)[0]
+            deflections = np.where(measured, deflections, -loads / gears.stiffness)
+        here[0, gears.motors] = motors + deflections
+        return here
 
     def gravity_compensation(self, out):
         """Efforts into out: those that hold the robot where it is."""
@@ -125,15 +193,19 @@ class Law:
             q[self.gears.springs] = self._deflections.motion[0]
         self._wanted(reference)
         self._run(self._closed(q, self._all_d), self._qd_d, reference[2], out, moving=True)
-        self._add_friction(out)
+        self._add_friction(out, self._qd_d)
 
-    def computed_torque(self, reference, kp, kd, out):
-        """Efforts into out for a reference: the error goes to zero as ë + K_d ė + K_p e = 0 if the model is right."""
+    def computed_torque(self, reference, kp, kd, out, friction_velocity=REFERENCE):
+        """Efforts into out for a reference: ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f)) if the model is right.
+
+        friction_velocity: `reference` or `measured`, the velocity q̇_f of which friction is compensated.
+        """
         self._compare(reference)
         self._wanted(reference)
         wanted = reference[2] + kp * self.error + kd * self.rate_error
-        self._run(self._positions(), self.qd, wanted, out, moving=True)
-        self._add_friction(out)
+        q, qd = self._with_springs()
+        self._run(self._positions(q), qd, wanted, out, moving=True)
+        self._add_friction(out, qd if friction_velocity == MEASURED else self._qd_d)
 
     def _compare(self, reference):
         """Errors of the state from a reference; joints without limits are where they are after whole turns too."""
@@ -145,13 +217,24 @@ class Law:
     def _wanted(self, reference):
         self._qd_d[self.rows] = reference[1]
 
-    def _positions(self):
-        """What programs take as q at the state."""
+    def _with_springs(self):
+        """(q, qd) of the state, in which springs that are not measured move as the reference has them."""
+        if self._deflections is None:
+            return self.q, self.qd
+        q, qd, springs, motion = self.q.copy(), self.qd.copy(), self.gears.springs, self._deflections.motion
+        measured = q[springs] != self._unmeasured
+        q[springs] = np.where(measured, q[springs], motion[0])
+        qd[springs] = np.where(measured, qd[springs], motion[1])
+        return q, qd
+
+    def _positions(self, q=None):
+        """What programs take as q at the state, or at q (n,)."""
+        q = self.q if q is None else q
         if not self._loops:
-            return self.q
+            return q
         heard = np.isfinite(self.looped)
         self._all[self._placed] = np.where(heard, self.looped, self._all[self._placed])
-        return self._closed(self.q, self._all)
+        return self._closed(q, self._all)
 
     def _closed(self, q, near):
         """What programs take as q for (n,): where there are loops they are closed from `near`, where that goes on."""
@@ -161,14 +244,47 @@ class Law:
         near[:] = self.dynamics.expand(near)
         return near
 
-    def _demand(self, reference):
-        """Efforts (n,) of a motion of the links, with rigid gears, the other joints where they are."""
-        q = self.q.copy()
-        q[self.rows], q[self.gears.springs] = reference[0], self.gears.rest
-        rates = np.zeros_like(q)
-        rates[self.rows] = reference[1]
-        self._run(self._closed(q, self._all_d), rates, reference[2])
-        return self._efforts
+    def _link_side(self, samples):
+        """What programs take as q, one row for each of samples (nodes, 3, joints) of the links; springs are at rest."""
+        q = np.tile(self.q, (len(samples), 1))
+        q[:, self.rows], q[:, self.gears.springs] = samples[:, 0], self.gears.rest
+        if not self._loops:
+            return q
+        found = np.empty((len(q), len(self._all_d)))
+        for node, positions in enumerate(q):
+            # the same positions are closed once: what stands still has no rates then, to the last digit
+            same = node and np.array_equal(positions, q[node - 1])
+            found[node] = found[node - 1] if same else self._closed(positions, self._all_d)
+        return found
+
+    def _spring_loads(self, positions, samples, deflections):
+        """(nodes, springs) the rows of the springs in the inverse model, for motions of the links.
+
+        positions: of `_link_side`; samples: (nodes, 3, joints); deflections: (nodes, 3, springs) of the springs, by
+        which the motors are behind. Other joints stay where they are, and unactuated ones keep their velocities.
+        """
+        gears, motors, springs = self.gears, self.rows[self.gears.motors], self.gears.springs
+        rates, accelerations = np.zeros((2, len(samples), len(self.q)))
+        rates[:, self._unactuated] = self.qd[self._unactuated]
+        rates[:, self.rows], accelerations[:, self.rows] = samples[:, 1], samples[:, 2]
+        link_rates = rates.copy()  # those of the passive joints of loops, to the last digit
+        positions, places = positions.copy(), self._numbers
+        for values, motor, spring, by in ((positions, places[motors], places[springs], deflections[:, 0]),
+                                          (rates, motors, springs, deflections[:, 1]),
+                                          (accelerations, motors, springs, deflections[:, 2])):  # fmt: skip
+            values[:, motor] -= by
+            values[:, spring] += by
+        if self._loops and not gears.plain:
+            positions = np.array([self._closed(q[self._given], self._all_d).copy() for q in positions])
+            link_rates = rates
+        loads = np.empty((len(samples), len(springs)))
+        for node, q in enumerate(positions):
+            self._inverse.evaluate(q, rates[node], accelerations[node], *self._base, self._efforts, *self._others)
+            loads[node] = self._efforts[springs]
+            if self._loops and self._friction is not None:
+                self._friction.evaluate(q, link_rates[node], self._lost)
+                loads[node] += self._lost[springs]
+        return loads
 
     def _run(self, q, qd, accelerations, out=None, moving=False):
         """Efforts into out for accelerations of the joints that get them, None for zero.
@@ -183,9 +299,9 @@ class Law:
             np.take(self._efforts, self.rows, out=out, mode="clip")
             self._q = q
 
-    def _add_friction(self, out):
+    def _add_friction(self, out, rates):
         if self._friction is not None:
-            self._friction.evaluate(self._q, self._qd_d, self._lost)
+            self._friction.evaluate(self._q, rates, self._lost)
             out += self._lost[self.rows]
 
 
@@ -211,6 +327,10 @@ def driven_joints(dynamics):
     return tuple(name for name in dynamics.joint_names if name not in dynamics.undriven_joint_names)
 
 
-def _without_friction(robot):
-    joints = [replace(joint, viscous_friction=0.0, coulomb_friction=0.0) for joint in robot.joints]
+def _without_friction(robot, names):
+    """The robot in which some joints have no friction."""
+    joints = [
+        replace(joint, viscous_friction=0.0, coulomb_friction=0.0) if joint.name in names else joint
+        for joint in robot.joints
+    ]
     return replace(robot, joints=tuple(joints))

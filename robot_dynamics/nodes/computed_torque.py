@@ -367,7 +367,8 @@ class ComputedTorque(LifecycleNode):
             return ERROR, f"efforts go to zero: {controller.fault}{clocks}"
         if not controller.doing:
             return WARN, "use_sim_time is set, and nothing came on /clock yet"
-        unheard, joints = self._reader.unheard, np.array(controller.law.joints)
+        unheard = [name for name in self._reader.unheard if name not in controller.law.spring_names]
+        joints = np.array(controller.law.joints)
         objections = [
             f"last change refused: {self._robot.refusal}" if self._robot.refusal else "",
             f"at its limit: {', '.join(joints[controller.saturated])}" if controller.saturated.any() else "",

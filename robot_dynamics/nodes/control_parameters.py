@@ -3,7 +3,7 @@
 import numpy as np
 
 from robot_dynamics.control.controller import Settings
-from robot_dynamics.control.law import COMPUTED_TORQUE, MODES, WITHOUT_REFERENCE
+from robot_dynamics.control.law import COMPUTED_TORQUE, FRICTION_VELOCITIES, MODES, REFERENCE, WITHOUT_REFERENCE
 from robot_dynamics.errors import QuestionError, unknown_name
 from robot_dynamics.model.joint import UNLIMITED
 from robot_dynamics.model.robot import MASSLESS
@@ -15,6 +15,10 @@ PARAMETERS = {
     "mode": (COMPUTED_TORQUE, f"{', '.join(MODES)}"),
     "kp": ([100.0], "gain of the position error [1/s^2], one number or one for each joint"),
     "kd": ([20.0], "gain of the velocity error [1/s], one number or one for each joint"),
+    "friction_velocity": (
+        REFERENCE,
+        "velocity of which mode computed_torque compensates friction: reference or measured",
+    ),
     "effort_limits": ("", "most that is sent to each joint [N m or N]; empty: as the description says"),
     "without_reference": ("damp", "what is done while no reference is there: gravity, damp or zero"),
     "ramp_time": (0.1, "in which efforts go to zero after a fault, or over to others after a change [s]"),
@@ -27,6 +31,7 @@ PARAMETERS = {
     "autostart": (True, "configure and activate the node when it has a robot"),
 }
 FIXED = ("joints", "autostart")  # what is read when the node is configured
+CHOICES = {"mode": MODES, "friction_velocity": FRICTION_VELOCITIES, "without_reference": WITHOUT_REFERENCE}
 LISTS = ("kp", "kd", "effort_limits")
 
 
@@ -44,9 +49,8 @@ def checked(name, value):
         least = 0.0 if name in ("ramp_time", "state_rate") else 1e-4
         if not least <= value < np.inf:
             raise QuestionError(f"parameter {name} is {value:g}: {least:g} or more is needed, {description}")
-    for choice, known in (("mode", MODES), ("without_reference", WITHOUT_REFERENCE)):
-        if name == choice and value not in known:
-            raise QuestionError(f"parameter {name}: {unknown_name(name, value, known)}")
+    if name in CHOICES and value not in CHOICES[name]:
+        raise QuestionError(f"parameter {name}: {unknown_name(name, value, CHOICES[name])}")
     return value
 
 

@@ -149,6 +149,49 @@ def test_modes_and_gains_change_without_a_jump():
     assert (jumps > 0.5).all() and (steps < 0.011 * np.maximum(jumps, levels[0])).all()
 
 
+@pytest.mark.parametrize("measured", [False, True], ids=["motors measured", "springs too"])
+def test_a_trajectory_begins_where_the_links_beyond_elastic_gears_are(measured):
+    """Of a robot at rest, whose springs bear its weight: its motors are not wanted elsewhere at first."""
+    dynamics = Dynamics(load_robot("manutec_r3"), compiled=False)
+    law = Law(dynamics, driven_joints(dynamics))
+    rest = dynamics.equilibrium(np.array([0.1, 0, 0.5, 0, 0.4, 0, 0.2, -0.3, 0.1]))
+    known = np.arange(9) if measured else law.rows
+    law.q[known] = rest.positions[known]
+    assert np.abs(rest.positions[law.gears.springs][1:]).min() > 1e-4
+    made = Controller(law, Settings("computed_torque", np.full(6, 400.0), np.full(6, 40.0), np.full(6, np.inf)))
+    made.step(0.0)
+    points = np.full((3, 1, 6), np.nan)
+    points[0, 0], points[1:] = 0.0, 0.0
+    made.follow(0.0, 0.0, [1.0], points)
+    made.step(0.001)
+    np.testing.assert_allclose(made.reference[0], rest.positions[law.rows], atol=1e-5)  # it is 1 ms on its way
+
+
+def test_friction_is_compensated_at_the_velocity_that_the_settings_name():
+    rubbing = Dynamics(load_robot(ARM.replace("mass:", "viscous_friction: 2, coulomb_friction: 0.5, mass:")))
+    sent = {}
+    for velocity in ("reference", "measured"):
+        law = Law(rubbing, LAW.joints)
+        kp, kd, unlimited = np.full(2, 100.0), np.full(2, 20.0), np.full(2, np.inf)
+        made = Controller(law, Settings("computed_torque", kp, kd, unlimited, friction_velocity=velocity))
+        made.track(0.0, 0.0, [[0.3, -0.2], [0.4, -0.6], [0.0, 0.0]])
+        for now in np.arange(0, 0.05, MS):  # no blend is left where efforts never were others
+            law.q[:], law.qd[:] = (0.3, -0.2), (-0.1, 0.7)
+            made.step(now)
+        reference = np.zeros((3, 2))
+        law.refer(made._followed, now, reference)
+        e, ed, edd = reference - [law.q[law.rows], law.qd[law.rows], np.zeros(2)]
+        wanted = np.zeros(2)
+        wanted[law.rows] = edd + 20 * ed + 100 * e
+        frictionless = rubbing.inverse(law.q, law.qd, wanted) - rubbing.friction(law.qd)
+        at = law.qd.copy()
+        if velocity == "reference":
+            at[law.rows] = reference[1]
+        sent[velocity] = made._target.copy()
+        np.testing.assert_allclose(sent[velocity], (frictionless + rubbing.friction(at))[law.rows], rtol=1e-9)
+    assert np.abs(sent["reference"] - sent["measured"]).min() > 0.5
+
+
 def test_another_payload_is_taken_over_without_a_jump():
     made = controller(mode="gravity_compensation", limits=np.full(2, np.inf))
     empty = run(made, 0, 0.2)[-1]

@@ -1,15 +1,19 @@
-"""The laws against Pinocchio, and for every class of robot against the direct model: it accelerates as wanted."""
+"""The laws against Pinocchio, and for every class of robot against the direct model: it accelerates as wanted, and
+where friction is compensated at another velocity than that of the robot, off by what the error dynamics say."""
 
 from dataclasses import replace
 
 import numpy as np
 import pinocchio
 import pytest
+from peers.pinocchio_model import PinocchioModel
+from peers.planar_stack import planar_stack
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, QuestionError, load_robot, shipped_robots
-from robot_dynamics.control.law import Law, driven_joints
+from robot_dynamics.control.law import FRICTION_VELOCITIES, Law, driven_joints
 from robot_dynamics.control.reference import Trajectory
+from robot_dynamics.model.formats.urdf_writer import write_urdf
 
 RNG = np.random.default_rng(11)
 RUBBING = {"damping": 0.7, "friction": 0.4}
@@ -54,31 +58,129 @@ def test_laws_are_their_formulas_by_pinocchio():
     expect(pinocchio.rnea(model, data, q, qd, qdd_d + corrected) + rubbing)
 
 
-ROBOTS = [name for name in shipped_robots() if name != "manutec_r3"] + ["panda with fingers"]  # elastic: see below
+ROBOTS = [name for name in shipped_robots() if name != "manutec_r3"] + ["panda with fingers"]  # elastic: test_elastic
 
 
-@pytest.mark.parametrize("name", ROBOTS)
-def test_every_robot_accelerates_as_the_law_wants(name):
-    robot = load_robot(real_urdf("panda") if name == "panda with fingers" else name)
-    law = law_of(robot)
-    dynamics, n = law.dynamics, len(law.q)
-    base = None
-    if robot.moving_base:
+KP, KD = 80.0, 18.0
+
+
+def unactuated_arm():
+    """An arm of which the second joint is passive and the third one on a spring without a motor, all with friction."""
+    rubs = "viscous_friction: 0.8, coulomb_friction: 0.3, mass: 2, first_moments: [0.4, 0.1, 0], inertia: {zz: 0.2}"
+    return load_robot(f"""
+        robot: unactuated
+        gravity: [0, -9.81, 0]
+        joints:
+          - {{joint: first, link: one, {rubs}}}
+          - {{joint: second, link: two, mdh: {{d: 0.4}}, role: passive, {rubs}}}
+          - {{joint: third, link: three, mdh: {{d: 0.4}}, role: elastic, spring: {{stiffness: 30, damping: 2}}, {rubs}}}
+          - {{joint: fourth, link: four, mdh: {{d: 0.4}}, {rubs}}}
+        """)
+
+
+def mounts_with_friction():
+    """Platforms in series, whose motors stand on springs; joints that are not actuated have friction too."""
+    robot = load_robot(planar_stack("mounts"))
+    return replace(robot, joints=tuple(replace(joint, viscous_friction=0.3, coulomb_friction=0.2) if not joint.actuated
+                                       else joint for joint in robot.joints))  # fmt: skip
+
+
+MADE = {
+    "panda with fingers": lambda: load_robot(real_urdf("panda")),
+    "unactuated arm": unactuated_arm,
+    "elastic mounts": mounts_with_friction,
+}
+
+
+def at_a_state(name):
+    """(law, base) of a robot, in a state near where its loops are closed first."""
+    law = law_of(MADE[name]() if name in MADE else load_robot(name))
+    dynamics, n, base = law.dynamics, len(law.q), None
+    if dynamics.robot.moving_base:
         law.twist[:] = RNG.uniform(-0.3, 0.3, 6)
         base = Base(np.eye(4), law.twist)
     given = [dynamics.all_joint_names.index(joint) for joint in dynamics.joint_names]
-    q = dynamics.closed_positions[given] + RNG.uniform(-0.02, 0.02, n)
-    law.q[:], law.qd[:] = q, RNG.uniform(-0.3, 0.3, n)
-    size = len(law.joints)
-    reference, out = RNG.uniform(-0.3, 0.3, (3, size)), np.zeros(size)
-    reference[0] += q[law.rows]
-    reference[1] = law.qd[law.rows]  # as friction is that of the wanted velocity, and of the real one in the robot
-    law.computed_torque(reference, 80.0, 18.0, out)
-    efforts = np.zeros(n)
-    efforts[law.rows] = out
-    accelerations = dynamics.direct(law.q, law.qd, efforts, base=base)[law.rows]
-    wanted = reference[2] + 80.0 * (reference[0] - law.q[law.rows])
-    np.testing.assert_allclose(accelerations, wanted, rtol=1e-6, atol=1e-6)
+    law.q[:] = dynamics.closed_positions[given] + RNG.uniform(-0.02, 0.02, n)
+    law.qd[:] = RNG.uniform(-0.3, 0.3, n)
+    return law, base
+
+
+def mass_matrix_of_motors(law):
+    """Of the controlled joints: a free base and unactuated joints are eliminated."""
+    A = law.dynamics.inertia_matrix(law.q)
+    base = len(A) - len(law.q)
+    motors = base + law.rows
+    others = np.setdiff1d(np.arange(len(A)), motors)
+    return A[np.ix_(motors, motors)] - A[np.ix_(motors, others)] @ np.linalg.solve(
+        A[np.ix_(others, others)], A[np.ix_(others, motors)]
+    )
+
+
+@pytest.mark.parametrize("friction_velocity", FRICTION_VELOCITIES)
+@pytest.mark.parametrize("name", [*ROBOTS, "unactuated arm", "elastic mounts"])
+def test_every_robot_accelerates_as_the_error_dynamics_say(name, friction_velocity):
+    """ë + K_d ė + K_p e = A⁻¹ (f(q̇) - f(q̇_f)), f without unactuated joints where such are part of the state."""
+    law, base = at_a_state(name)
+    dynamics, rows, n = law.dynamics, law.rows, len(law.q)
+    reference, out, efforts = RNG.uniform(-0.3, 0.3, (3, len(rows))), np.zeros(len(rows)), np.zeros(n)
+    reference[0] += law.q[rows]
+    law.computed_torque(reference, KP, KD, out, friction_velocity)
+    efforts[rows] = out
+    accelerations = dynamics.direct(law.q, law.qd, efforts, base=base)[rows]
+    e, ed, edd = reference - np.stack([law.q[rows], law.qd[rows], accelerations])
+    expected, scale = np.zeros(len(rows)), np.abs(reference[2] + KD * ed + KP * e).max()
+    if friction_velocity == "reference":
+        kept = dynamics.undriven_joint_names  # their friction is that of the measured velocity
+        joints = [joint if joint.actuated or not kept else replace(joint, viscous_friction=0.0, coulomb_friction=0.0)
+                  for joint in dynamics.robot.joints]  # fmt: skip
+        rubbing = Dynamics(replace(dynamics.robot, joints=tuple(joints)), compiled=False)
+        wanted = np.zeros(n)
+        wanted[rows] = reference[1]
+        difference = (rubbing.friction(law.qd, law.q) - rubbing.friction(wanted, law.q))[rows]
+        expected = np.linalg.solve(mass_matrix_of_motors(law), difference)
+    np.testing.assert_allclose(edd + KD * ed + KP * e, expected, rtol=0, atol=1e-8 * max(scale, np.abs(expected).max()))
+
+
+@pytest.mark.parametrize("friction_velocity", FRICTION_VELOCITIES)
+def test_error_dynamics_of_the_puma_in_pinocchio(friction_velocity):
+    """The robot is Pinocchio's, with friction as the description has it; errors and their rates are of any sign."""
+    robot = load_robot("puma560")
+    law = law_of(robot)
+    peer = PinocchioModel(write_urdf(robot, lossy=True), law.joints, False, [j.rotor_inertia for j in robot.joints])
+    viscous = np.array([joint.viscous_friction for joint in robot.joints])
+    dry = np.array([joint.coulomb_friction for joint in robot.joints])
+    assert viscous.any() and dry.any()
+    out, left_by_friction = np.zeros(6), []
+    for _ in range(50):
+        law.q[:], law.qd[:] = RNG.uniform(-1, 1, (2, 6))
+        reference = RNG.uniform(-1, 1, (3, 6))
+        law.computed_torque(reference, KP, KD, out, friction_velocity)
+        A, rubs = peer.inertia_matrix(law.q), viscous * law.qd + dry * np.sign(law.qd)
+        accelerations = np.linalg.solve(A, out - peer.bias(law.q, law.qd) - rubs)
+        e, ed, edd = reference - np.stack([law.q, law.qd, accelerations])
+        e -= 2 * np.pi * np.rint(e / (2 * np.pi)) * np.isinf([joint.limits.lower for joint in robot.joints])
+        residual, scale = edd + KD * ed + KP * e, np.abs(reference[2] + KD * ed + KP * e).max()
+        left_by_friction.append(np.abs(residual).max() / scale)
+        compensated = viscous * reference[1] + dry * np.sign(reference[1])
+        expected = np.linalg.solve(A, rubs - compensated) * (friction_velocity == "reference")
+        np.testing.assert_allclose(residual, expected, rtol=0, atol=1e-10 * scale)
+    assert (np.max(left_by_friction) > 0.1) == (friction_velocity == "reference")
+
+
+def test_noise_of_velocities_at_rest_shakes_the_robot_where_friction_is_that_of_the_measured_velocity():
+    """By the full size of Coulomb friction, which is why the velocity of the reference is the default."""
+    law = law_of(load_robot("puma560"))
+    dry = np.array([joint.coulomb_friction for joint in law.dynamics.robot.joints])
+    law.q[:] = np.linspace(-0.5, 0.5, 6)
+    reference, out, span = np.stack([law.q, np.zeros(6), np.zeros(6)]), np.zeros(6), {}
+    for friction_velocity in FRICTION_VELOCITIES:
+        sent = []
+        for _ in range(200):
+            law.qd[:] = RNG.normal(0, 1e-5, 6)
+            law.computed_torque(reference, KP, KD, out, friction_velocity)
+            sent.append(out.copy())
+        span[friction_velocity] = np.ptp(sent, axis=0)
+    assert (span["measured"] > 1.99 * dry).all() and (span["reference"] < 0.01 * dry).all()
 
 
 @pytest.fixture(scope="module")

@@ -157,12 +157,51 @@ def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
     comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
 
 
+def test_springs_behind_motors_need_no_state_and_their_links_follow(stand):
+    manutec = Dynamics(load_robot("manutec_r3"), compiled=False)
+    made = stand({"robot_file": "manutec_r3", "mode": "feedforward", "ramp_time": 0.01})
+    motors = [name for name in manutec.joint_names if name not in manutec.undriven_joint_names]
+    state = {"q": np.array([0.0, 0.5, 0.4, 0.2, -0.3, 0.1]), "qd": np.zeros(6), "names": motors}
+    goal = np.array([0.1, 0.7, 0.5, 0.2, -0.2, 0.1])
+    made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
+    made.reference.publish(trajectory(motors, [0.0, 0.1], [goal, goal]))
+    made.stream_until(
+        lambda: any(message == "feedforward" for _, message, _ in made.diagnostics), "no objection", **state
+    )
+    # the springs hold the links where the reference wants them, and motors hold the springs
+    q, springs = np.zeros(9), [manutec.joint_names.index(name) for name in manutec.undriven_joint_names]
+    q[[manutec.joint_names.index(name) for name in motors]] = goal
+    held = manutec.gravity(q)
+    assert np.abs(held[springs]).max() > 10
+    expected = [held[manutec.joint_names.index(name)] for name in motors]
+    made.stream_until(lambda: np.abs(last(made) - expected).max() < 1e-9, "the efforts of the goal", **state)
+
+
+def test_friction_is_that_of_the_reference_or_where_it_is_wanted_of_the_measured_velocity(stand):
+    puma = Dynamics(load_robot("puma560"), compiled=False)
+    q, qd = np.array([0.1, -0.5, 0.3, 0.2, 0.4, -0.3]), np.array([0.2, -0.1, 0.3, -0.2, 0.1, 0.4])
+    made = stand({"robot_file": "puma560"})
+    state = {"q": q, "qd": qd, "names": puma.joint_names}
+    made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
+    made.reference.publish(trajectory(puma.joint_names, [0.0, 0.1], [q, q]))
+    without = puma.inverse(q, qd, -20 * qd) - puma.friction(qd)
+    assert np.abs(puma.friction(qd)).min() > 0.1
+
+    def comes_to(expected, what):
+        made.stream_until(lambda: np.abs(last(made) - expected).max() < 1e-9, what, **state)
+
+    comes_to(without, "friction at the velocity of the reference, zero")
+    assert made.set_parameters(friction_velocity="measured").successful
+    comes_to(without + puma.friction(qd), "friction at the measured velocity")
+
+
 def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
     made = stand()
     made.connect()
     for change, said in (
         ({"mode": "computed_torqe"}, "did you mean 'computed_torque'"),
         ({"mode": 3}, "a text is needed"),
+        ({"friction_velocity": "mesured"}, "did you mean 'measured'"),
         ({"kp": [1.0, 2.0]}, "kp has 2 values: 7 are needed"),
         ({"kp": [-1.0]}, "zero or more"),
         ({"kd": float("nan")}, "zero or more"),
