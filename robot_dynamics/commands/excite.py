@@ -3,6 +3,9 @@
 It begins and ends at rest, and makes the condition number of the base parameters and frictions as small as is found.
 Written is a CSV with columns time, <joint>.position, .velocity and .acceleration. Whether links hit each other, the
 table or a cable is not known here: look at the motion before a robot runs it, and begin slowly.
+
+It takes a second or two for an arm of seven joints; how long it will take is said at the beginning, and a bar on a
+terminal shows how far it is. --time-limit ends it with the best trajectory so far.
 """
 
 import io
@@ -27,15 +30,17 @@ def add_arguments(parser):
                         help="limit of all joints [rad/s² or m/s²]; default: none")  # fmt: skip
     parser.add_argument("--margin", type=float, default=0.05, metavar="PART",
                         help="of ranges and rates that is left free at each end (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--iterations", type=int, default=25, help="of the optimiser (default: %(default)s)")
+    parser.add_argument("--iterations", type=int, default=50, help="of the optimiser (default: %(default)s)")
+    parser.add_argument("--time-limit", type=float, default=np.inf, metavar="S",
+                        help="take the best trajectory so far after this time (default: none)")  # fmt: skip
     parser.add_argument("--seed", type=int, default=0)
 
 
 def run(told):
     dynamics = Dynamics(robot_of(told))
-    for name in ("duration", "rate", "acceleration", "iterations", "harmonics"):
+    for name in ("duration", "rate", "acceleration", "iterations", "harmonics", "time_limit"):
         if not getattr(told, name) > 0:
-            raise QuestionError(f"--{name} {getattr(told, name):g}: more than 0 is needed")
+            raise QuestionError(f"--{name.replace('_', '-')} {getattr(told, name):g}: more than 0 is needed")
     if not told.duration * told.rate < 1e7:
         raise QuestionError(
             f"--duration {told.duration:g} --rate {told.rate:g}: less than 10 million samples are needed"
@@ -45,14 +50,24 @@ def run(told):
     from robot_dynamics.identification.excitation import exciting_trajectory, joint_bounds
     from robot_dynamics.replay.drives import direct_drives
 
-    columns = effort_columns(dynamics, direct_drives(dynamics.joint_names))
+    columns = effort_columns(dynamics, direct_drives(dynamics.joint_names), compiled=False)
     bounds = joint_bounds(dynamics, told.acceleration, told.margin)
+
+    def estimated(seconds):
+        print(f"{told.iterations} iterations for {len(columns.names)} parameters: about {max(1, round(seconds))} s",
+              flush=True)  # fmt: skip
+
     with bar(told.iterations, "condition number", " iterations") as shown:
-        trajectory, condition = exciting_trajectory(
+        found = exciting_trajectory(
             columns, bounds, duration=told.duration, harmonics=told.harmonics, iterations=told.iterations,
-            seed=told.seed, told=lambda done, _: shown(done))  # fmt: skip
-    write_text(told.output, table(trajectory, dynamics.joint_names, told.rate))
-    print(f"{told.output}: {told.duration:g} s, condition number {condition:.3g} of {len(columns.names)} parameters")
+            seed=told.seed, time_limit=told.time_limit, estimated=estimated,
+            told=lambda done, _: shown(done))  # fmt: skip
+    write_text(told.output, table(found.trajectory, dynamics.joint_names, told.rate))
+    if not found.complete:
+        print(f"time limit of {told.time_limit:g} s after {found.iterations} of {told.iterations} iterations: this is "
+              "the best trajectory so far")  # fmt: skip
+    print(f"{told.output}: {told.duration:g} s, condition number {found.condition:.3g} of {len(columns.names)} "
+          "parameters")  # fmt: skip
 
 
 def table(trajectory, names, rate):

@@ -80,15 +80,15 @@ class EffortColumns:
         return tuple(told[number] for number in self.kept) + self.names[len(self.kept) :]
 
 
-def effort_columns(dynamics, drives, *, rotor_inertia=True):
-    """The EffortColumns of the robot of a Dynamics; rotor_inertia: whether rotors have columns of their own.
-
-    Raises SingularModelError where loops hardly ever close.
+def effort_columns(dynamics, drives, *, rotor_inertia=True, compiled=True):
+    """The EffortColumns of the robot of a Dynamics; rotor_inertia: whether rotors have columns of their own; compiled:
+    whether the regressor is compiled now, as many samples need it.
     """
     base = base_parameters(dynamics, of_joints=True)
     kept = tuple(number for number in base.kept if rotor_inertia or not base.names[number].startswith("Ia."))
     names = [base.names[number] for number in kept] + [f"offset.{name}" for name in dynamics.joint_names]
     shorts = dict(zip(LOSSES, ("Ia", "Fv", "Fs"), strict=True))
     names += [f"{shorts[loss]}.{motor}" for motor in drives.couplings for loss in LOSSES]
-    dynamics.compile("regressor")  # now, rather than after the first pieces
+    if compiled:
+        dynamics.compile("regressor")  # now, rather than after the first pieces
     return EffortColumns(dynamics, drives, base, kept, tuple(names))

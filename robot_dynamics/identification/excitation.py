@@ -1,21 +1,26 @@
 """Trajectories that show the parameters of a robot: Fourier series of joint positions, within limits, after which the
 columns of its efforts are as independent as can be (Swevers et al., "Optimal robot excitation and identification",
-1997). They begin and end at rest, without acceleration.
+1997). They begin and end at rest, without acceleration. Gradients are exact, by the program of the regressor.
 """
 
+import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import block_diag, null_space
 from scipy.optimize import minimize
 
 from robot_dynamics.errors import QuestionError
+from robot_dynamics.identification.condition import LogCondition
 from robot_dynamics.identification.motions import position_bounds
 
 OVERSAMPLED = 20  # points of the grid for each harmonic, on which limits are kept
 SAMPLES_PER_HARMONIC = 12  # of the columns whose condition number is asked for
-STEPS = (0.03, 0.01, 0.03)  # of finite differences: Coulomb friction steps as samples pass zero velocity
 BEGINNINGS = 40  # random trajectories, of which the best is improved
+ITERATIONS = 50
+EVALUATIONS_PER_ITERATION = 1.3
+SMOOTHED = 0.1  # part of the rates over which Coulomb friction changes its sign, for the gradient
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,14 +47,18 @@ class FourierTrajectory:
 
     def __call__(self, times):
         """Positions, velocities and accelerations (N, n) at times (N,) [s]."""
-        rates = 2 * np.pi / self.duration * np.arange(1, self.cosines.shape[1] + 1)
-        angles = np.multiply.outer(times, rates)
-        c, s, a, b = np.cos(angles), np.sin(angles), self.cosines.T, self.sines.T
-        return (
-            self.middle + c @ a + s @ b,
-            (c * rates) @ b - (s * rates) @ a,
-            -(c * rates**2) @ a - (s * rates**2) @ b,
-        )
+        coefficients = np.concatenate([self.cosines, self.sines], axis=1).T
+        q, qd, qdd = (part @ coefficients for part in fourier_parts(times, self.duration, self.cosines.shape[1]))
+        return self.middle + q, qd, qdd
+
+
+def fourier_parts(times, duration, harmonics):
+    """(3, N, 2 harmonics): what [cosines, sines] (2 harmonics,) are multiplied by for position, velocity and
+    acceleration at times (N,) of a FourierTrajectory."""
+    rates = 2 * np.pi / duration * np.arange(1, harmonics + 1)
+    angles = np.multiply.outer(times, rates)
+    c, s = np.cos(angles), np.sin(angles)
+    return np.stack([np.hstack([c, s]), np.hstack([-s * rates, c * rates]), -np.hstack([c, s]) * np.tile(rates**2, 2)])
 
 
 def joint_bounds(dynamics, acceleration=np.inf, margin=0.05):
@@ -68,14 +77,25 @@ def joint_bounds(dynamics, acceleration=np.inf, margin=0.05):
     return JointBounds(lower + room, upper - room, (1 - margin) * rates, np.full(len(joints), float(acceleration)))
 
 
-def condition(columns, trajectory, samples):
-    """The condition number of EffortColumns at samples of a trajectory, each column of length 1."""
-    X = columns.rows_at(*trajectory(np.arange(samples) * trajectory.duration / samples))
-    X = X.reshape(-1, X.shape[-1])
-    lengths = np.linalg.norm(X, axis=0)
-    X = X / np.where(lengths > 0, lengths, 1)
-    least, *_, most = np.linalg.eigvalsh(X.T @ X)
-    return float(np.sqrt(most / max(least, 1e-14 * most)))
+class Fit(NamedTuple):
+    """How numbers of a TrajectoryFamily become trajectories of n joints, c = 2 harmonics coefficients each.
+
+    place, largeness (n,): the first two numbers; coefficients (n, c) before they are scaled; scale (n,); room (n,) that
+    is left for the middle; centre (n,) of positions; peaks (3, n): largest position from the centre, velocity and
+    acceleration, between points of the grid too, before scaling; rows (3, n, c): their derivatives by coefficients;
+    middle_row (n, c): those of the centre; narrowest (n,): which of the three bounds scales.
+    """
+
+    place: np.ndarray
+    largeness: np.ndarray
+    coefficients: np.ndarray
+    scale: np.ndarray
+    room: np.ndarray
+    centre: np.ndarray
+    peaks: np.ndarray
+    rows: np.ndarray
+    middle_row: np.ndarray
+    narrowest: np.ndarray
 
 
 class TrajectoryFamily:
@@ -90,9 +110,9 @@ class TrajectoryFamily:
             raise QuestionError(f"{harmonics} harmonics in {duration:g} s: at least 2, and more than 0 s, are needed")
         self.bounds, self.duration, self.harmonics = bounds, duration, harmonics
         numbers = np.arange(1, harmonics + 1)
-        self._cosines, self._sines = null_space(numbers[None] ** 2.0), null_space(numbers[None] * 1.0)
+        self._shapes = block_diag(null_space(numbers[None] ** 2.0), null_space(numbers[None] * 1.0))
         points = OVERSAMPLED * harmonics
-        self._grid = np.arange(points) * duration / points
+        self._parts = fourier_parts(np.arange(points) * duration / points, duration, harmonics)
         # what a trigonometric polynomial of this degree can be more between the points of the grid (Ehlich and Zeller)
         self._beyond = 1 / np.cos(np.pi * harmonics / points)
         self.size = len(bounds.lower) * (2 + 2 * (harmonics - 1))
@@ -105,56 +125,160 @@ class TrajectoryFamily:
 
     def __call__(self, numbers):
         """The FourierTrajectory of numbers."""
-        bounds, n = self.bounds, len(self.bounds.lower)
-        place, largeness, *shape = numbers.reshape(n, -1).T
-        shape = np.array(shape).T
-        cosines = shape[:, : self.harmonics - 1] @ self._cosines.T
-        sines = shape[:, self.harmonics - 1 :] @ self._sines.T
-        q, qd, qdd = FourierTrajectory(self.duration, np.zeros(n), cosines, sines)(self._grid)
-        centre = (q.max(axis=0) + q.min(axis=0)) / 2
-        q = q - centre
-        peaks = [self._beyond * np.abs(each).max(axis=0) + 1e-300 for each in (q, qd, qdd)]
+        fit = self._fitted(numbers)
+        middle = (self.bounds.lower + self.bounds.upper) / 2 + fit.room * np.tanh(fit.place) - fit.scale * fit.centre
+        scaled = fit.scale[:, None] * fit.coefficients
+        return FourierTrajectory(self.duration, middle, scaled[:, : self.harmonics], scaled[:, self.harmonics :])
+
+    def _fitted(self, numbers):
+        """The Fit of numbers to the bounds."""
+        bounds = self.bounds
+        place, largeness, *shape = numbers.reshape(len(bounds.lower), -1).T
+        coefficients = np.array(shape).T @ self._shapes.T
+        q, qd, qdd = self._parts @ coefficients.T
+        joints = np.arange(q.shape[1])
+        top, bottom = (np.take(self._parts[0], most, axis=0) for most in (q.argmax(axis=0), q.argmin(axis=0)))
+        fastest = np.abs(qd).argmax(axis=0), np.abs(qdd).argmax(axis=0)
+        signs = [np.sign(rates[most, joints]) for rates, most in zip((qd, qdd), fastest, strict=True)]
+        # of each joint what multiplies its coefficients to give the largest position, velocity and acceleration
+        rows = np.stack([(top - bottom) / 2, *(sign[:, None] * part[most]
+                         for sign, part, most in zip(signs, self._parts[1:], fastest, strict=True))])  # fmt: skip
+        rows = self._beyond * rows
+        peaks = np.einsum("kjc,jc->kj", rows, coefficients) + 1e-300
         half = (bounds.upper - bounds.lower) / 2
-        allowed = np.min([half / peaks[0], bounds.velocity / peaks[1], bounds.acceleration / peaks[2]], axis=0)
-        scale = allowed / (1 + np.exp(-largeness))
-        room = half - scale * peaks[0]
-        middle = (bounds.lower + bounds.upper) / 2 + room * np.tanh(place) - scale * centre
-        return FourierTrajectory(self.duration, middle, scale[:, None] * cosines, scale[:, None] * sines)
+        allowed = np.stack([half / peaks[0], bounds.velocity / peaks[1], bounds.acceleration / peaks[2]])
+        narrowest = allowed.argmin(axis=0)
+        scale = allowed[narrowest, joints] / (1 + np.exp(-largeness))
+        middle_row = (top + bottom) / 2
+        centre = np.einsum("jc,jc->j", middle_row, coefficients)
+        return Fit(place, largeness, coefficients, scale, half - scale * peaks[0], centre, peaks, rows, middle_row,
+                   narrowest)  # fmt: skip
+
+    def gradient(self, numbers, by_motion, times):
+        """(size,) derivatives by numbers, of what has derivatives `by_motion` by positions, velocities and
+        accelerations (N, n) at times (N,) of their trajectory."""
+        fit, joints = self._fitted(numbers), np.arange(len(self.bounds.lower))
+        by_middle = by_motion[0].sum(axis=0)
+        parts = fourier_parts(times, self.duration, self.harmonics)
+        by_scaled = sum(rates.T @ part for rates, part in zip(by_motion, parts, strict=True))
+        way = np.tanh(fit.place)
+        by_place = fit.room * (1 - way**2) * by_middle
+        by_scale = (by_scaled * fit.coefficients).sum(axis=1) - (fit.peaks[0] * way + fit.centre) * by_middle
+        by_largeness = by_scale * fit.scale / (1 + np.exp(fit.largeness))
+        by_peaks = np.zeros_like(fit.peaks)
+        by_peaks[0] = -fit.scale * way * by_middle
+        by_peaks[fit.narrowest, joints] -= by_scale * fit.scale / fit.peaks[fit.narrowest, joints]
+        by_coefficients = fit.scale[:, None] * (by_scaled - by_middle[:, None] * fit.middle_row)
+        by_coefficients += np.einsum("kj,kjc->jc", by_peaks, fit.rows)
+        return np.column_stack([by_place, by_largeness, by_coefficients @ self._shapes]).ravel()
 
 
-def exciting_trajectory(columns, bounds, *, duration=20.0, harmonics=5, iterations=25, seed=0, told=None):
-    """(FourierTrajectory, its condition number): the best that is found for EffortColumns within JointBounds.
+class Excitation(NamedTuple):
+    """trajectory: a FourierTrajectory; condition: number of its columns; iterations: done; complete: whether no time
+    limit ended them."""
 
-    told: called with (iterations done, condition number) after each. The same for a seed. Raises QuestionError.
+    trajectory: FourierTrajectory
+    condition: float
+    iterations: int
+    complete: bool
+
+
+def exciting_trajectory(columns, bounds, *, duration=20.0, harmonics=5, iterations=ITERATIONS, seed=0,
+                        time_limit=np.inf, estimated=None, told=None):  # fmt: skip
+    """The Excitation with the least condition number that BFGS makes of random trajectories, for EffortColumns within
+    JointBounds. The same for a seed, where no time limit ends it.
+
+    time_limit [s]: after which the best trajectory so far is taken; estimated: called once with the time [s] that all
+    iterations will take, when it is known; told: called with (iterations done, condition number) after each.
+
+    Raises QuestionError.
     """
-    robot, undriven = columns.dynamics.robot, columns.dynamics.undriven_joint_names
+    _refuse_undesignable(columns.dynamics)
+    family = TrajectoryFamily(bounds, duration, harmonics)
+    samples = SAMPLES_PER_HARMONIC * harmonics
+    search = _Search(columns, family, np.arange(samples) * duration / samples, time.monotonic() + time_limit, told)
+    chance = np.random.default_rng(seed)
+    try:
+        beginnings = search.ordered([family.random(chance) for _ in range(BEGINNINGS)])
+        search.smooth(beginnings[0])
+        if estimated is not None:
+            estimated(EVALUATIONS_PER_ITERATION * iterations * search.seconds_of(beginnings[0]))
+        for numbers in beginnings:  # another one where a search ends before its time
+            if search.iterations < iterations:
+                search.improve(numbers, iterations - search.iterations)
+    except _TimeOver:
+        return Excitation(family(search.best), float(np.exp(search.value)), search.iterations, False)
+    return Excitation(family(search.best), float(np.exp(search.value)), search.iterations, True)
+
+
+def _refuse_undesignable(dynamics):
+    """Raise QuestionError for a robot that trajectories are not designed for."""
+    robot, undriven = dynamics.robot, dynamics.undriven_joint_names
     if robot.loops or robot.moving_base:
         raise QuestionError(f"{robot.name!r}: trajectories are designed for a fixed base without loops")
     if undriven:
         raise QuestionError(f"{robot.name!r}: no motor drives {', '.join(undriven)}: trajectories are designed for "
                             "robots all joints of which have motors")  # fmt: skip
-    family, samples = TrajectoryFamily(bounds, duration, harmonics), SAMPLES_PER_HARMONIC * harmonics
-    chance = np.random.default_rng(seed)
-    best = {"condition": np.inf, "numbers": None}
 
-    def asked(numbers):
-        found = condition(columns, family(numbers), samples)
-        if found < best["condition"]:
-            best.update(condition=found, numbers=numbers.copy())
-        return np.log(found)
 
-    for _ in range(BEGINNINGS):
-        asked(family.random(chance))
-    done = 0
+class _TimeOver(Exception):
+    """The time limit of a search is over."""
 
-    def after(_):
-        nonlocal done
-        done += 1
-        if told is not None:
-            told(done, best["condition"])
 
-    for step in STEPS:  # a search ends where noise hides the slope, which is elsewhere for another step
-        if done < iterations:
-            options = {"maxiter": iterations - done, "eps": step}
-            minimize(asked, best["numbers"], method="BFGS", callback=after, options=options)
-    return family(best["numbers"]), best["condition"]
+class _Search:
+    """A search for numbers of a TrajectoryFamily with the least condition number at times (N,) of EffortColumns.
+
+    best, value: the numbers so far, and the logarithm of their condition number; iterations: done. It ends with
+    _TimeOver after `deadline` [s] of the monotonic clock.
+    """
+
+    def __init__(self, columns, family, times, deadline, told):
+        self.columns, self.family, self.times, self.deadline, self.told = columns, family, times, deadline, told
+        self.best, self.value, self.iterations = None, np.inf, 0
+        self._exact = LogCondition(columns)
+        self._smooth = None
+
+    def ordered(self, beginnings):
+        """The beginnings, the best one first."""
+        return [beginnings[place] for place in np.argsort([self.tried(numbers) for numbers in beginnings])]
+
+    def tried(self, numbers):
+        """The logarithm of the condition number of numbers, kept where it is the best."""
+        value = self._exact(*self.family(numbers)(self.times))
+        if self.best is None or value < self.value:
+            self.best, self.value = numbers.copy(), value
+        self._look_at_the_clock()
+        return value
+
+    def smooth(self, numbers):
+        """Let Coulomb friction change its sign over a part of the rates that numbers have."""
+        rates = np.sqrt((self.family(numbers)(self.times)[1] ** 2).mean(axis=0))
+        self._smooth = LogCondition(self.columns, SMOOTHED * rates)
+
+    def seconds_of(self, numbers):
+        """The time [s] that one evaluation takes."""
+        began = time.perf_counter()
+        self._evaluated(numbers)
+        return time.perf_counter() - began
+
+    def improve(self, numbers, iterations):
+        """So many iterations of BFGS, or fewer, from numbers."""
+        minimize(self._evaluated, numbers, jac=True, method="BFGS", callback=self._after,
+                 options={"maxiter": iterations})  # fmt: skip
+
+    def _evaluated(self, numbers):
+        """(value, gradient (size,)) with friction smoothed."""
+        self._look_at_the_clock()
+        value, by_motion = self._smooth.with_gradient(*self.family(numbers)(self.times))
+        return value, self.family.gradient(numbers, by_motion, self.times)
+
+    def _after(self, numbers):
+        """What is to be done after an iteration that came to numbers."""
+        self.iterations += 1
+        self.tried(numbers)
+        if self.told is not None:
+            self.told(self.iterations, float(np.exp(self.value)))
+
+    def _look_at_the_clock(self):
+        if time.monotonic() > self.deadline:
+            raise _TimeOver

@@ -18,7 +18,7 @@ from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.newton_euler.mobility import CLOSES, RANK
 
 WALKERS = 16  # that walk side by side
-STRIDES = 80  # of each
+STRIDES = 60  # of each
 STRIDE = 0.3  # [rad or characteristic lengths] the longest
 NEAR = 0.4  # of the way to where the rank falls, that a stride may take
 SHORTEST = 1e-3  # stride: before it is shorter the walk turns
@@ -94,19 +94,18 @@ class ClosedManifold:
         there = t + step * self.reach
         for _ in range(CHORD_STEPS):
             there = there - self._back(here.inverse, self._residual(there))
+        residual = self._residual(there)
         for _ in range(NEWTON_STEPS):
-            residual = self._residual(there)
             size = np.abs(residual).max(axis=-1)
             open_ = (size > 1e-2 * CLOSES) & (size < 1)
             if not open_.any():
                 break
             there[open_] -= self._back(self.tangent(there[open_]).inverse, residual[open_])
+            residual[open_] = self._residual(there[open_])
         beside = np.linalg.norm((there - t) / self.reach - step, axis=-1)
-        q = self.positions(there)
-        reached = (np.abs(self._residual(there)).max(axis=-1) <= CLOSES) & (
-            beside < BESIDE * np.linalg.norm(step, axis=-1)
-        )
-        return there, reached & ((q >= self.lower) & (q <= self.upper)).all(axis=-1)
+        near, q = beside < BESIDE * np.linalg.norm(step, axis=-1), self.positions(there)
+        closed = np.abs(residual).max(axis=-1) <= CLOSES
+        return there, closed & near & ((q >= self.lower) & (q <= self.upper)).all(axis=-1)
 
     def _residual(self, t):
         return loop_equations(self.coupling.robot, self.positions(t)).residual

@@ -360,5 +360,5 @@ def _intersected(lists):
     found = lists[0]
     for others in lists[1:]:
         pairs = ((max(a, c), min(b, d)) for a, b in found for c, d in others)
-        found = [(start, end) for start, end in pairs if start < end]
+        found = [(start, end) for start, end in pairs if start <= end]
     return found

@@ -1,22 +1,35 @@
 """Trajectories that excite a Panda: within its limits, better than chance, and worth it."""
 
 import csv
+import fcntl
+import os
+import pty
+import struct
+import sys
+import termios
+import time
+from dataclasses import replace
+from subprocess import Popen
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from peers.known_panda import NOISE
 from peers.recorded import JOINTS, panda_model
+from scipy.optimize import minimize
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.commands.main import main
 from robot_dynamics.errors import QuestionError
+from robot_dynamics.identification import excitation
+from robot_dynamics.identification.condition import LogCondition
 from robot_dynamics.identification.effort_columns import effort_columns
 from robot_dynamics.identification.excitation import TrajectoryFamily, exciting_trajectory, joint_bounds
 from robot_dynamics.identification.fitting import fitted
 from robot_dynamics.identification.samples import Samples
 from robot_dynamics.replay.drives import direct_drives
 from robot_dynamics.replay.motions import Motion
+from robot_dynamics.symbolic.derivatives import DifferentiableProgram
 
 COLUMNS = effort_columns(Dynamics(load_robot("panda")), direct_drives(JOINTS))
 ACCELERATION = 8.0
@@ -68,6 +81,148 @@ def test_it_is_better_than_chance(exciting, random):
     )
     assert found == pytest.approx(exciting[1], rel=0.1)
     assert 1.5 * found < np.median(by_chance) and 1.2 * found < min(by_chance)
+
+
+TIMES = np.arange(60) * 20.0 / 60
+
+
+def central_differences(function, x, step=1e-6):
+    return np.array([(function(x + step * unit) - function(x - step * unit)) / (2 * step) for unit in np.eye(len(x))])
+
+
+@pytest.mark.parametrize("acceleration", [np.inf, 8.0, 2.0])
+def test_gradient_of_the_condition_number_by_the_numbers_of_a_trajectory(acceleration):
+    """Whichever bound is the narrow one, that of position, velocity or acceleration."""
+    family = TrajectoryFamily(joint_bounds(COLUMNS.dynamics, acceleration), 20.0, 5)
+    numbers = family.random(np.random.default_rng(5))
+    criterion = LogCondition(COLUMNS, np.full(7, 0.1))
+
+    def value(numbers):
+        return criterion.with_gradient(*family(numbers)(TIMES))[0]
+
+    _, by_motion = criterion.with_gradient(*family(numbers)(TIMES))
+    found = family.gradient(numbers, by_motion, TIMES)
+    expected = central_differences(value, numbers)
+    assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
+    assert criterion(*family(numbers)(TIMES)) == pytest.approx(value(numbers), abs=1e-9)
+    exact = np.log(condition_at(family(numbers), TIMES))
+    assert LogCondition(COLUMNS)(*family(numbers)(TIMES)) == pytest.approx(exact, abs=1e-9)
+
+
+def test_gradient_where_motors_are_coupled():
+    """By positions, velocities and accelerations at some samples; and its value by NumPy."""
+    ratios = np.eye(7)
+    ratios[5, 4] = -0.5
+    drives = replace(direct_drives(JOINTS), ratios=ratios)
+    columns = effort_columns(COLUMNS.dynamics, drives)
+    assert len(columns.names) == len(COLUMNS.names) + 3
+    rng = np.random.default_rng(6)
+    motion, criterion = list(rng.uniform(-1, 1, (3, 30, 7))), LogCondition(columns, np.full(7, 0.3))
+    _, gradients = criterion.with_gradient(*motion)
+    for place, found in enumerate(gradients):
+        for sample, joint in ((0, 1), (7, 4), (12, 5), (29, 2)):
+            values = []
+            for sign in (1, -1):
+                moved = [part.copy() for part in motion]
+                moved[place][sample, joint] += sign * 1e-5
+                values.append(criterion.with_gradient(*moved)[0])
+            expected = (values[0] - values[1]) / 2e-5
+            assert found[sample, joint] == pytest.approx(expected, abs=1e-7 + 1e-5 * abs(expected))
+    X = columns.rows_at(*motion).reshape(210, -1)
+    s = np.linalg.svd(X / np.linalg.norm(X, axis=0), compute_uv=False)
+    assert LogCondition(columns)(*motion) == pytest.approx(np.log(s[0] / s[-1]), abs=1e-6)
+
+
+def test_efforts_without_gravity_are_refused():
+    columns = effort_columns(COLUMNS.dynamics, replace(direct_drives(JOINTS), excludes_gravity=True), compiled=False)
+    with pytest.raises(QuestionError, match="gravity is a part of"):
+        exciting_trajectory(columns, BOUNDS)
+
+
+def condition_at(trajectory, times):
+    X = COLUMNS.rows_at(*trajectory(times)).reshape(7 * len(times), -1)
+    return np.linalg.cond(X / np.linalg.norm(X, axis=0))
+
+
+def test_it_ends_no_worse_than_finite_differences_with_a_tenth_of_the_evaluations(monkeypatch):
+    """Of the same iterations from the same beginning, with steps that smooth the steps of friction as well as any."""
+    evaluations, beginnings = [0], []
+    counted = DifferentiableProgram.evaluate
+
+    def count(self, *motion):
+        evaluations[0] += 1
+        return counted(self, *motion)
+
+    monkeypatch.setattr(DifferentiableProgram, "evaluate", count)
+    found = exciting_trajectory(COLUMNS, BOUNDS, iterations=10, seed=3)
+    by_gradients = evaluations[0] - excitation.BEGINNINGS
+    family, chance = TrajectoryFamily(BOUNDS, 20.0, 5), np.random.default_rng(3)
+    criterion = LogCondition(COLUMNS)
+
+    def value(numbers):
+        return criterion(*family(numbers)(TIMES))
+
+    beginnings = [family.random(chance) for _ in range(excitation.BEGINNINGS)]
+    evaluations[0] = 0
+    search = minimize(value, min(beginnings, key=value), method="BFGS", options={"maxiter": 10, "eps": 0.03})
+    by_differences = evaluations[0] - excitation.BEGINNINGS
+    print(f"condition number {found.condition:.3f} of {by_gradients} evaluations, by finite differences "
+          f"{np.exp(search.fun):.3f} of {by_differences}")  # fmt: skip
+    assert found.iterations == 10 and found.complete
+    assert found.condition <= np.exp(search.fun) * 1.001
+    assert 10 * by_gradients < by_differences
+
+
+def test_a_time_limit_gives_the_best_trajectory_so_far(monkeypatch):
+    told, estimates = [], []
+    found = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, estimated=estimates.append,
+                                told=lambda *each: told.append(each))  # fmt: skip
+    assert found.complete and found.iterations == 4 and [done for done, _ in told] == [1, 2, 3, 4]
+    assert [value for _, value in told] == sorted((value for _, value in told), reverse=True)
+    assert len(estimates) == 1 and estimates[0] > 0
+    at_once = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, time_limit=1e-9)
+    assert not at_once.complete and at_once.iterations == 0 and at_once.condition >= found.condition
+    assert_within_limits(*at_once.trajectory(np.linspace(0, 20, 2001)))
+    now, clock = time.monotonic(), []
+    monkeypatch.setattr(excitation.time, "monotonic", lambda: now + (10.0 if clock else 0.0))
+    cut = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, time_limit=5.0,
+                              told=lambda done, _: clock.append(1) if done == 2 else None)  # fmt: skip
+    assert not cut.complete and cut.iterations == 2 and cut.condition == told[1][1]
+
+
+def test_on_a_terminal_it_shows_how_far_it_is_and_says_when_time_is_over(tmp_path):
+    """In a process of its own whose stderr is a terminal."""
+    controlling, terminal = pty.openpty()
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # of a new one the size is zero
+    path = tmp_path / "trajectory.csv"
+    with (tmp_path / "out").open("w") as out, (tmp_path / "shown").open("wb") as shown:
+        command = [sys.executable, "-m", "robot_dynamics.commands.main", "excite", "panda", "--output", str(path)]
+        process = Popen([*command, "--iterations", "3"], stdout=out, stderr=terminal)
+        os.close(terminal)
+        while True:
+            try:
+                piece = os.read(controlling, 4096)
+            except OSError:  # the terminal is closed as the process ends
+                break
+            if not piece:
+                break
+            shown.write(piece)
+        assert process.wait(timeout=60) == 0
+    os.close(controlling)
+    bar = (tmp_path / "shown").read_text()
+    assert "condition number" in bar and "3/3" in bar
+    said = (tmp_path / "out").read_text()
+    assert "3 iterations for 69 parameters: about" in said and "condition number" in said and path.exists()
+
+
+def test_the_command_says_that_time_was_over(tmp_path, capsys):
+    path = tmp_path / "trajectory.csv"
+    assert main(["excite", "panda", "--output", str(path), "--time-limit", "1e-9"]) == 0
+    said = capsys.readouterr()
+    assert "time limit of 1e-09 s after 0 of 50 iterations: this is the best trajectory so far" in said.out
+    assert path.exists() and said.err == ""
+    assert main(["excite", "panda", "--output", str(path), "--time-limit", "0"]) == 1
+    assert "--time-limit 0: more than 0 is needed" in capsys.readouterr().err
 
 
 class Simulated:

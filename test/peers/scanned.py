@@ -50,15 +50,16 @@ def _followed(dynamics, line):
     """Positions (N, all joints) along a line (M, n), up to where the loops do not close any more."""
     if not dynamics.robot.loops:
         return dynamics.expand(line)
-    low, high = 1, len(line)
-    best = dynamics.follow(line[:1])
-    while low < high:
-        middle = (low + high + 1) // 2
+    numbers = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
+    found = [dynamics.closed_positions]
+    for motors in line:
+        ahead = np.full(len(found[-1]), np.nan)
+        ahead[numbers] = motors
         try:
-            best, low = dynamics.follow(line[:middle]), middle
+            found.append(dynamics.follow(np.stack([found[-1], ahead]))[1])
         except SingularModelError:
-            high = middle - 1
-    return best
+            break
+    return np.array(found)
 
 
 def rank_of_efforts(dynamics, samples, seed):

@@ -137,6 +137,19 @@ def test_uneven_stamps_give_the_motion_where_they_give_one_and_each_sample_is_ac
         assert tally.counts["gaps"] == len(pauses)
 
 
+@pytest.mark.parametrize("chunk", [20_000, 50])
+def test_a_lone_message_of_one_of_two_topics_is_counted_too(monkeypatch, chunk):
+    monkeypatch.setattr(alignment, "CHUNK", chunk)
+    told = []
+    for number, (t, q) in enumerate(zip(MOTION.times, MOTION.q, strict=True)):
+        told += samples([message(t, NAMES[:3], q[:3])], "/arm")
+        if not 400 <= number < 600 or number == 500:
+            told += samples([message(t, NAMES[3:], q[3:])], "/wrist")
+    found, tally = on_grid(told)
+    assert tally.counts["gaps"] == 2 and tally.counts["short"] == 1
+    assert np.abs(joined(found) - MOTION.q[(MOTION.times < 3.995) | (MOTION.times > 5.995)]).max() < 1e-9
+
+
 def test_a_slow_topic_has_no_gaps_after_a_pause_that_its_steps_do_not_make():
     """Three joints at 100 Hz, four at 10 Hz, in chunks; both begin anew after a pause."""
     assembly, tally = None, Tally()
