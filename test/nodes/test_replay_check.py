@@ -10,11 +10,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from peers import flights
 from peers.recorded import BEGINNING, JOINTS, panda_model, panda_motion, uneven_times
-from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.model.placement import as_rotation
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
 from robot_dynamics.nodes.messages import nanoseconds, write_pose, write_twist
 
@@ -253,7 +253,7 @@ def test_an_arm_that_flies_is_checked_with_odom_and_a_payload_it_does_not_have_i
         told.append((0, stated(sample.time, sample.q, sample.qd, sample.efforts, names)))
         if number % 4 == 0:
             odom = Odometry(header=told[-1][1].header, child_frame_id="base_body")
-            turned = Rotation.from_matrix(sample.pose[:3, :3]).as_quat()
+            turned = as_rotation(sample.pose[:3, :3]).as_quat()
             odom.pose.pose, odom.twist.twist = write_pose(sample.pose[:3, 3], turned), write_twist(sample.twist)
             told.append((1, odom))
     watch.tell(told)
