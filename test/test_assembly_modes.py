@@ -12,7 +12,7 @@ from robot_dynamics.configuration import Configurations
 
 DRAWS = int(os.environ.get("MOTOR_DRAWS", 0)) or 40  # `make soak`: 1000
 ALONE = 5  # of the draws that are expanded one by one, the others together
-SAMPLES = 60  # of the straight way of the motors from home
+SAMPLES = 20  # of the straight way of the motors from home
 PARALLEL = [name for name in shipped_robots() if load_robot(name).platforms]
 REACH = {"3-RPS": 0.25, "3-PRS": 0.25, "6-UPS": 0.12, "3-UPU": 0.06}  # [m] of the motors around home
 SEEDS = range(2)

@@ -298,8 +298,9 @@ class Coupling:
             ahead[:, self.chosen] = start + share * (q - start)
             t, found = newton(step, ahead, self.placed, self._longest, ITERATIONS_ON_THE_WAY, CLOSED_ON_THE_WAY,
                               self._advance)  # fmt: skip
-            bent |= self._bend(before, ahead, t)
-            if (np.abs(found[0]).max(axis=-1) > BLOCKED).all():
+            blocked = np.abs(found[0]).max(axis=-1) > BLOCKED
+            bent |= self._bend(before, ahead, t) | blocked  # which may close again, in any mode
+            if blocked.all():
                 break  # no sample gets through
         ahead = self._on(before, t)
         ahead[:, self.chosen] = q
