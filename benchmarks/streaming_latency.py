@@ -22,7 +22,6 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration, Time
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -33,7 +32,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.law import Law
 from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
-from robot_dynamics.nodes.running import run, running_node, stop
+from robot_dynamics.nodes.running import events_executor, run, running_node, stop
 
 DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)  # what is lost is not lost here
 TURN = 1.0  # [s]
@@ -133,7 +132,7 @@ def measure(told):
     dynamics = Dynamics(load_robot("panda"))
     q, qd, efforts = states(int(max(*told.rates, 2000) * TURN), dynamics)
     rclpy.init(args=[])
-    node, executor = Node("asker"), EventsExecutor()
+    node, executor = Node("asker"), events_executor()
     executor.add_node(node)
     settings = {"robot_file": "panda", "kp": [KP], "kd": [KD], "ramp_time": 0.0, "state_timeout": 1e6, "deadline": 1e3}
     with ExitStack() as stack:
@@ -196,7 +195,7 @@ def main():
     parser.add_argument("--relay", action="store_true", help=argparse.SUPPRESS)  # the other process
     told, others = parser.parse_known_args()
     if told.relay:
-        return run(Relay, others)
+        return run(Relay, others, events_executor)
     return measure(told)
 
 

@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -29,7 +28,7 @@ from robot_dynamics.nodes.qualities import STREAMED
 from robot_dynamics.nodes.references import read_point, read_reference
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
-from robot_dynamics.nodes.running import run
+from robot_dynamics.nodes.running import events_executor, run
 
 RCLError = rclpy_implementation.RCLError
 STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait
@@ -390,7 +389,7 @@ def _of_another_time(age):
 
 def main(arguments=None):
     sys.setswitchinterval(SWITCH)
-    run(ComputedTorque, arguments, executor=EventsExecutor)
+    run(ComputedTorque, arguments, executor=events_executor, udp_only=True)
 
 
 if __name__ == "__main__":
