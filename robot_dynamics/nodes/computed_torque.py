@@ -4,7 +4,8 @@ import gc
 import sys
 import traceback
 from concurrent.futures import ThreadPoolExecutor
-from time import perf_counter
+from math import inf
+from time import perf_counter, time_ns
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -16,12 +17,14 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
+from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
 from robot_dynamics.nodes.control_outputs import OVERRIDABLE, ControlOutputs
 from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, settings_of
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations, without_numbers
 from robot_dynamics.nodes.joint_states import JointStateReader
+from robot_dynamics.nodes.message_info import WithMessageInfo
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
 from robot_dynamics.nodes.qualities import STREAMED
@@ -58,6 +61,7 @@ class ComputedTorque(LifecycleNode):
         self._refusal = self._last_refusal = ""
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
+        self._transit = TransitTimes()
         self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
         self._logged = self._fault = ""
         declare(self, PARAMETERS)
@@ -76,7 +80,9 @@ class ComputedTorque(LifecycleNode):
         self._outputs = ControlOutputs(self)
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscriptions_held = [
-            self.create_subscription(JointState, "joint_states", self._on_joint_states, STREAMED, **OVERRIDABLE),
+            self.create_subscription(
+                JointState, "joint_states", WithMessageInfo(self._on_joint_states), STREAMED, **OVERRIDABLE
+            ),
             self.create_subscription(Odometry, "odom", self._on_odom, STREAMED, **OVERRIDABLE),
             self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
             self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, STREAMED),
@@ -137,6 +143,7 @@ class ComputedTorque(LifecycleNode):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
+        self._transit.restart()
         self._fault = without_numbers(self._controller.watchdog.reason)
         return super().on_activate(state)
 
@@ -224,7 +231,7 @@ class ComputedTorque(LifecycleNode):
 
     # What streams
 
-    def _on_joint_states(self, message):
+    def _on_joint_states(self, message, info):
         if not self._active:
             return
         began = self._heard_at = perf_counter()
@@ -232,26 +239,50 @@ class ComputedTorque(LifecycleNode):
             self._exchange()
         controller, now = self._controller, self._now()
         stamp = message.header.stamp
-        time = now if stamp.sec == stamp.nanosec == 0 else (nanoseconds(stamp) - self._epoch) * 1e-9
+        of_now = stamp.sec == stamp.nanosec == 0
+        time = now if of_now else (nanoseconds(stamp) - self._epoch) * 1e-9
         timeout = controller.settings.state_timeout
         if 0.0 < self._last_time - time < timeout:
             self._out_of_order += 1
             return
-        self._last_time = time
+        self._last_time, until = time, began + self._lifetime()
         try:
             if not self._reader.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
                 return
+            published = now - self._delay(info)
+            if of_now:
+                time = published
             if abs(now - time) > timeout:
-                raise QuestionError(_of_another_time(now - time))
+                raise QuestionError(_of_another_time(now - time, of_now))
             self._base.require(now, timeout)
-            efforts = controller.step(now, time)
+            efforts = controller.step(now, time, published)
+            until -= now - min(time, published)
         except QuestionError as error:
             stamp, efforts = None, controller.refuse(now, str(error))
         except Exception as error:  # a fault of ours must not take the node down while a robot hangs on it
             self.get_logger().error(traceback.format_exc(), throttle_duration_sec=1.0)
             stamp, efforts = None, controller.refuse(now, f"internal error, please report it: {error!r}")
-        self._outputs.send(efforts, stamp)
+        self._send(efforts, stamp, until)
         self._answered(time, perf_counter() - began)
+
+    def _delay(self, info):
+        """How long a message was under way [s], as far as is known."""
+        if self.get_clock().ros_time_is_active:
+            return 0.0
+        return self._transit.delay(time_ns(), info["source_timestamp"])
+
+    def _lifetime(self):
+        """How long efforts are good for the state that they answer [s of the machine, which are not those of a
+        simulation]."""
+        return inf if self.get_clock().ros_time_is_active else self._controller.settings.state_timeout
+
+    def _send(self, efforts, stamp=None, until=inf):
+        """Send efforts that are good until a time [s] of perf_counter; where it has passed when they leave, those that
+        are right then."""
+        controller = self._controller
+        while not self._outputs.send(efforts, stamp, until):
+            until = perf_counter() + controller.settings.state_timeout
+            efforts, stamp = controller.overdue(self._now()), None
 
     def _on_odom(self, message):
         if self._active:
@@ -274,16 +305,17 @@ class ComputedTorque(LifecycleNode):
             return
         if self._pending is not None:
             self._exchange()
-        now, before = self._now(), self._ticked
-        self._ticked = now
+        began, now, before = perf_counter(), self._now(), self._ticked
+        self._ticked, until = now, inf
         if now != before:
             efforts = self._controller.tick(now)
-        elif perf_counter() - self._heard_at > STANDSTILL:
+            until = began + self._lifetime()
+        elif began - self._heard_at > STANDSTILL:
             efforts = self._controller.halt(f"no joint_states for {STANDSTILL:g} s, and the clock stands still")
         else:
             return
         if efforts is not None:
-            self._outputs.send(efforts)
+            self._send(efforts, until=until)
             self._tell(now)
 
     def _tell(self, time):
@@ -306,14 +338,16 @@ class ComputedTorque(LifecycleNode):
                 self.get_logger().info("efforts are sent again")
 
     def _on_reference(self, message):
-        def follow(controller, now):
+        def follow(controller):
             times, points = read_reference(message, controller.law.joints, self.get_namespace())
+            now = self._now()  # thousands of points take long to read
             controller.follow(now, self._start_of(message, now), times, points)
 
         self._take(follow, "reference")
 
     def _on_reference_point(self, message):
-        def track(controller, now):
+        def track(controller):
+            now = self._now()
             told = read_point(message, controller.law.joints, self.get_namespace())
             controller.track(now, self._start_of(message, now), told)
 
@@ -327,7 +361,7 @@ class ComputedTorque(LifecycleNode):
         try:
             if not self._active:
                 raise QuestionError("the node is not active")
-            take(self._controller, self._now())
+            take(self._controller)
             self._refusal = ""
         except Exception as error:
             reason = str(error)
@@ -347,6 +381,7 @@ class ComputedTorque(LifecycleNode):
                 "deadline misses": self._late,
                 "saturated": self._saturated,
                 "states out of order": self._out_of_order,
+                "standstills": self._controller.watchdog.standstills if self._controller else 0,
                 "references refused": self._refused,
                 "last refusal": self._last_refusal,
             }
@@ -377,7 +412,9 @@ class ComputedTorque(LifecycleNode):
         return (WARN if objections else OK), "; ".join([controller.doing, *objections])
 
 
-def _of_another_time(age):
+def _of_another_time(age, under_way):
+    if under_way:
+        return f"joint_states were under way for {age:.3f} s"
     if age > 0:
         other = "; do both use the same time (use_sim_time)?" if age > ANOTHER_CLOCK else ""
         return f"joint_states are {age:.3f} s old by their stamp{other}"
