@@ -61,7 +61,7 @@ class ComputedTorque(LifecycleNode):
         self._refusal = self._last_refusal = ""
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
-        self._transit = TransitTimes()
+        self._transits = {kind: TransitTimes() for kind in (JointState, Odometry, JointTrajectory)}
         self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
         self._logged = self._fault = ""
         declare(self, PARAMETERS)
@@ -83,9 +83,11 @@ class ComputedTorque(LifecycleNode):
             self.create_subscription(
                 JointState, "joint_states", WithMessageInfo(self._on_joint_states), STREAMED, **OVERRIDABLE
             ),
-            self.create_subscription(Odometry, "odom", self._on_odom, STREAMED, **OVERRIDABLE),
+            self.create_subscription(Odometry, "odom", WithMessageInfo(self._on_odom), STREAMED, **OVERRIDABLE),
             self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
-            self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, STREAMED),
+            self.create_subscription(
+                JointTrajectory, "~/reference_point", WithMessageInfo(self._on_reference_point), STREAMED
+            ),
         ]
         # a timer of the machine's time: that of a simulation may stand still for ever
         self._timer = self.create_timer(
@@ -143,7 +145,8 @@ class ComputedTorque(LifecycleNode):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
-        self._transit.restart()
+        for transit in self._transits.values():
+            transit.restart()
         self._fault = without_numbers(self._controller.watchdog.reason)
         return super().on_activate(state)
 
@@ -249,7 +252,7 @@ class ComputedTorque(LifecycleNode):
         try:
             if not self._reader.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
                 return
-            published = now - self._delay(info)
+            published = now - self._delay(message, info)
             if of_now:
                 time = published
             if abs(now - time) > timeout:
@@ -265,11 +268,11 @@ class ComputedTorque(LifecycleNode):
         self._send(efforts, stamp, until)
         self._answered(time, perf_counter() - began)
 
-    def _delay(self, info):
+    def _delay(self, message, info):
         """How long a message was under way [s], as far as is known."""
         if self.get_clock().ros_time_is_active:
             return 0.0
-        return self._transit.delay(time_ns(), info["source_timestamp"])
+        return self._transits[type(message)].delay(time_ns(), info["source_timestamp"])
 
     def _lifetime(self):
         """How long efforts are good for the state that they answer [s of the machine, which are not those of a
@@ -284,9 +287,9 @@ class ComputedTorque(LifecycleNode):
             until = perf_counter() + controller.settings.state_timeout
             efforts, stamp = controller.overdue(self._now()), None
 
-    def _on_odom(self, message):
+    def _on_odom(self, message, info):
         if self._active:
-            self._base.read(message, self._now())
+            self._base.read(message, self._now() - self._delay(message, info))
 
     def _answered(self, time, took):
         age = max(self._now() - time, took)
@@ -345,17 +348,18 @@ class ComputedTorque(LifecycleNode):
 
         self._take(follow, "reference")
 
-    def _on_reference_point(self, message):
+    def _on_reference_point(self, message, info):
         def track(controller):
             now = self._now()
             told = read_point(message, controller.law.joints, self.get_namespace())
-            controller.track(now, self._start_of(message, now), told)
+            controller.track(now, self._start_of(message, now - self._delay(message, info)), told)
 
         self._take(track, "reference_point")
 
-    def _start_of(self, message, now):
+    def _start_of(self, message, otherwise):
+        """The time of a stamp [s], `otherwise` for a stamp of zero."""
         stamp = nanoseconds(message.header.stamp)
-        return now if stamp == 0 else (stamp - self._epoch) * 1e-9
+        return otherwise if stamp == 0 else (stamp - self._epoch) * 1e-9
 
     def _take(self, take, topic):
         try:

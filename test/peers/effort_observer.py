@@ -3,7 +3,8 @@
 python effort_observer.py /namespace/computed_torque records.bin
 
 Each message on joint_states, ~/commands and ~/effort makes one record of `RECORD` at the end of the file. The time is
-that at which the middleware of this process received the message, by the clock of this process.
+that at which the middleware of this process received the message, by the clock of this process. It uses no shared
+memory, by which others could keep it from receiving, unless FASTDDS_BUILTIN_TRANSPORTS is DEFAULT.
 """
 
 import os
@@ -20,6 +21,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from robot_dynamics.nodes.message_info import WithMessageInfo
+from robot_dynamics.nodes.middleware import without_shared_memory
 from robot_dynamics.nodes.running import events_executor
 
 JOINTS = 7
@@ -42,8 +44,9 @@ def main():
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node("observer")
+    with without_shared_memory():
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node("observer")
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     record = np.zeros(1, dtype=RECORD)
 
