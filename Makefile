@@ -73,7 +73,7 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots and 
 	.venv/bin/python benchmarks/streaming_latency.py
 	.venv/bin/python benchmarks/replay.py
 
-soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, ten minutes of streaming
+soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
 	COMPARED=1000 .venv/bin/python -m pytest -s test/test_parallel_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
@@ -82,6 +82,7 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/replay/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
+	INTERRUPTION_ROUNDS=100 .venv/bin/python -m pytest -s test/nodes/test_streaming_interruptions.py
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_closed_loop.py
 
 clean:  ## remove all that the other targets made

@@ -25,7 +25,7 @@ setup(
     maintainer_email="maintainers@robot-dynamics.example.org",
     # Named one by one: a bare search would also take test/ and the folder of the interface package.
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["model/formats/mdh.schema.json", "replay/*.schema.json"]},
+    package_data={PACKAGE: ["model/formats/mdh.schema.json", "replay/*.schema.json", "nodes/fastdds/*.xml"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

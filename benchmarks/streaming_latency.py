@@ -2,12 +2,13 @@
 
     python benchmarks/streaming_latency.py                              0.5, 1, 2 and 4 kHz, and 60 s at 2 kHz
     python benchmarks/streaming_latency.py --seconds 2 --rates 1000     one of them, for a look
+    python benchmarks/streaming_latency.py --transports                 computed_torque by UDP beside shared memory
 
-The relay is a node with the same executor and quality of service that copies positions into commands and does nothing
-else: what computed_torque takes beyond it is ours. Both are asked in turns of a second, so that whatever else the
-machine does disturbs both; what is added is the median of the differences between neighbouring turns. No two states of
-a turn are alike, so that each answer tells which state it answers, and a lost one is seen. computed_torque follows a
-reference in its full mode, of the Panda.
+The relay is a node with the same executor, transport and quality of service that copies positions into commands and
+does nothing else: what computed_torque takes beyond it is ours. Both are asked in turns of a second, so that whatever
+else the machine does disturbs both; what is added is the median of the differences between neighbouring turns. No two
+states of a turn are alike, so that each answer tells which state it answers, and a lost one is seen. computed_torque
+follows a reference in its full mode, of the Panda.
 """
 
 import argparse
@@ -22,7 +23,6 @@ from contextlib import ExitStack, contextmanager
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration, Time
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -33,7 +33,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.law import Law
 from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
-from robot_dynamics.nodes.running import run, running_node, stop
+from robot_dynamics.nodes.running import events_executor, run, running_node, stop
 
 DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)  # what is lost is not lost here
 TURN = 1.0  # [s]
@@ -133,18 +133,25 @@ def measure(told):
     dynamics = Dynamics(load_robot("panda"))
     q, qd, efforts = states(int(max(*told.rates, 2000) * TURN), dynamics)
     rclpy.init(args=[])
-    node, executor = Node("asker"), EventsExecutor()
+    node, executor = Node("asker"), events_executor()
     executor.add_node(node)
     settings = {"robot_file": "panda", "kp": [KP], "kd": [KD], "ramp_time": 0.0, "state_timeout": 1e6, "deadline": 1e3}
+    names = list(dynamics.joint_names)
     with ExitStack() as stack:
-        stack.enter_context(running_node("computed_torque", settings, "/model"))
-        stack.enter_context(relay())
-        names = list(dynamics.joint_names)
-        asked = {
-            "relay": Asked(node, "/bare/relay", names, q),
-            "computed_torque": Asked(node, "/model/computed_torque", names, efforts),
-        }
-        hold(node, executor, "/model/computed_torque", asked["computed_torque"], q, qd)
+
+        def start(name, namespace, environment=None):
+            stack.enter_context(running_node("computed_torque", settings, namespace, environment))
+            asked[name] = Asked(node, f"{namespace}/computed_torque", names, efforts)
+            hold(node, executor, f"{namespace}/computed_torque", asked[name], q, qd)
+
+        asked = {}
+        if told.transports:
+            start("shared memory", "/shared", {"FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"})
+            start("UDP", "/model")
+        else:
+            stack.enter_context(relay())
+            asked["relay"] = Asked(node, "/bare/relay", names, q)
+            start("computed_torque", "/model")
         gc.disable()  # pauses of the one that asks are none of the nodes'
         plans = [(rate, told.seconds) for rate in told.rates] + ([(2000.0, told.long)] if told.long else [])
         rows = [row for plan in plans for row in compared(asked, executor, *plan, q, qd)]
@@ -193,10 +200,11 @@ def main():
     parser.add_argument("--rates", type=float, nargs="+", default=[500, 1000, 2000, 4000])
     parser.add_argument("--seconds", type=float, default=10.0, help="of each rate and node (default: 10)")
     parser.add_argument("--long", type=float, default=60.0, help="seconds at 2 kHz at the end; 0: none (default: 60)")
+    parser.add_argument("--transports", action="store_true", help="compare UDP with shared memory, not with a relay")
     parser.add_argument("--relay", action="store_true", help=argparse.SUPPRESS)  # the other process
     told, others = parser.parse_known_args()
     if told.relay:
-        return run(Relay, others)
+        return run(Relay, others, events_executor, udp_only=True)
     return measure(told)
 
 

@@ -14,17 +14,17 @@ class Blend:
         self.sent = np.zeros(size)
         self.saturated = np.zeros(size, dtype=bool)
         self._difference = np.zeros(size)
-        self._begun = None
+        self._begun = self._since = None
         self._jumps = False
 
-    def begin(self):
-        """From now on something else is wanted, which may be far from what is sent."""
-        self._jumps = True
+    def begin(self, since=None):
+        """Something else is wanted from a time [s] on, the next `send` if None, which may be far from what is sent."""
+        self._jumps, self._since = True, since
 
     def send(self, now, wanted):
         """The efforts (size,) to send at a time [s] for those that are wanted. What was given is left as it was."""
         if self._jumps:
-            self._jumps, self._begun = False, now
+            self._jumps, self._begun = False, now if self._since is None else self._since
             np.subtract(self.sent, wanted, out=self._difference)
         np.copyto(self.sent, wanted)
         if self._begun is not None:

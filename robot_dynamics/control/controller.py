@@ -41,7 +41,8 @@ class Controller:
 
     Where the state is not known, efforts go to zero in ramp_time; where it is, but no reference, as without_reference
     says. After a fault that lasted longer than ramp_time the reference is dropped: the robot has moved meanwhile, and
-    where it should be then is not for the controller to say.
+    where it should be then is not for the controller to say. A fault lasts from when the state became stale, also where
+    this process stood still and noticed it later.
     """
 
     def __init__(self, law, settings):
@@ -50,7 +51,7 @@ class Controller:
         self._blend = Blend(len(law.joints), settings.ramp_time, settings.limits)
         self.reference = np.zeros((3, len(law.joints)))
         self._target, self._zero = np.zeros((2, len(law.joints)))
-        self._followed, self._dropped = None, "no reference yet"
+        self._followed, self._dropped, self._taken_at = None, "no reference yet", -math.inf
         self._regime = None
         self.fault, self.doing, self.settings = "", "", settings
 
@@ -112,7 +113,7 @@ class Controller:
         if times[0] > now:
             times = np.concatenate([[now], times])
             points = np.concatenate([self._from_here(now, points[:, 0])[:, None], points], axis=1)
-        self._take(Trajectory(times, *points))
+        self._take(now, Trajectory(times, *points))
 
     def _from_here(self, now, first):
         """(3, joints): where the reference is, or else the robot, with as many derivatives as the first point tells."""
@@ -135,25 +136,34 @@ class Controller:
         if now - time > lasts:
             raise QuestionError(f"the point is {now - time:.3f} s old, and a point counts for {lasts:g} s")
         self.law.check_within_limits(told[:1])
-        self._take(Point(time, told, lasts))
+        self._take(now, Point(time, told, lasts))
 
-    def _take(self, reference):
-        self._followed = reference
+    def _take(self, now, reference):
+        self._followed, self._taken_at = reference, now
         self.watchdog.release()
 
     @np.errstate(all="ignore")  # what is not finite is a fault
-    def step(self, now, time=None):
-        """The state is that of `time` [s], now if None: efforts (joints,)."""
+    def step(self, now, time=None, published=None):
+        """The state is that of `time` [s] and was published at `published` [s], both now if None: efforts (joints,)."""
         law, time = self.law, now if time is None else time
         # a sum is finite where all its numbers are, and one number is quicker to look at than many
         if not math.isfinite(law.q.dot(law.q) + law.qd.dot(law.qd)):
             return self.refuse(now, _not_finite(law))
-        self.watchdog.accept(now)
+        self.watchdog.look(now)
+        self.watchdog.accept(now if published is None else published)
         return self._efforts(now, time)
 
     def refuse(self, now, reason):
         """A state came that cannot be used: efforts on the way to zero."""
+        self.watchdog.look(now)
         self.watchdog.refuse(reason)
+        return self._efforts(now, now)
+
+    def overdue(self, now):
+        """The efforts of the last call could not be sent in time: efforts on the way to zero in their place."""
+        self.watchdog.look(now)
+        if not self.watchdog.fault(now):
+            self.watchdog.refuse("efforts were ready later than state_timeout after their state")
         return self._efforts(now, now)
 
     def halt(self, reason):
@@ -166,6 +176,7 @@ class Controller:
 
     def tick(self, now):
         """Efforts to send where no good state did it lately, else None."""
+        self.watchdog.look(now)
         self.fault = self.watchdog.fault(now)
         return self._to_zero(now) if self.fault else None
 
@@ -188,15 +199,17 @@ class Controller:
         return self._to_zero(now)
 
     def _to_zero(self, now):
-        self._enter("fault")
         since = self.watchdog.faulted_since
-        if self._followed is not None and since is not None and now - since > self.settings.ramp_time:
+        self._enter("fault", since)
+        if since < self._taken_at <= now:  # a reference that came during the fault
+            since = self._taken_at
+        if self._followed is not None and now - since > self.settings.ramp_time:
             self._followed, self._dropped = None, f"it was dropped as efforts went to zero: {self.fault}"
         return self._blend.send(now, self._zero)
 
-    def _enter(self, doing):
+    def _enter(self, doing, since=None):
         if doing != self._regime:
-            self._blend.begin()
+            self._blend.begin(since)
             self._regime = self.doing = doing
 
     def _wanted(self, time):

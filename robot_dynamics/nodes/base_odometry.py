@@ -16,11 +16,11 @@ class BaseReader:
         self._twist, self._gravity = twist, gravity
         self._heard, self._refusal = None, "no odom yet, and the base of the robot moves"
 
-    def read(self, message, now):
-        """Take over a message that came at a time [s]."""
+    def read(self, message, published):
+        """Take over a message that was published at a time [s]."""
         try:
             self._take(message)
-            self._heard, self._refusal = now, ""
+            self._heard, self._refusal = published, ""
         except QuestionError as error:
             self._refusal = f"odom refused: {error}"
 

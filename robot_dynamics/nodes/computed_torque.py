@@ -4,12 +4,12 @@ import gc
 import sys
 import traceback
 from concurrent.futures import ThreadPoolExecutor
-from time import perf_counter
+from math import inf
+from time import perf_counter, time_ns
 
 import numpy as np
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from sensor_msgs.msg import JointState
@@ -17,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
+from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
 from robot_dynamics.nodes.clocks import ClockWatch
@@ -25,13 +26,14 @@ from robot_dynamics.nodes.control_parameters import FIXED, PARAMETERS, checked, 
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, Durations
 from robot_dynamics.nodes.fault_log import FaultLog
 from robot_dynamics.nodes.joint_states import JointStateReader
+from robot_dynamics.nodes.message_info import WithMessageInfo
 from robot_dynamics.nodes.messages import nanoseconds
 from robot_dynamics.nodes.parameters import declare, judged
 from robot_dynamics.nodes.qualities import STREAMED
 from robot_dynamics.nodes.references import read_point, read_reference
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
-from robot_dynamics.nodes.running import run
+from robot_dynamics.nodes.running import events_executor, run
 
 RCLError = rclpy_implementation.RCLError
 STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait
@@ -62,6 +64,7 @@ class ComputedTorque(LifecycleNode):
         self._refusal = self._last_refusal = ""
         self._lately, self._ages, self._saturated = Durations(), Durations(), 0
         self._late = 0
+        self._transits = {kind: TransitTimes() for kind in (JointState, Odometry, JointTrajectory)}
         self._ticked, self._heard_at = None, np.inf  # [s] by the clock of the node, and by that of the machine
         self._fault_log = FaultLog(self.get_logger())
         declare(self, PARAMETERS)
@@ -80,10 +83,14 @@ class ComputedTorque(LifecycleNode):
         self._outputs, self._clocks = ControlOutputs(self), ClockWatch(self)
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscriptions_held = [
-            self.create_subscription(JointState, "joint_states", self._on_joint_states, STREAMED, **OVERRIDABLE),
-            self.create_subscription(Odometry, "odom", self._on_odom, STREAMED, **OVERRIDABLE),
+            self.create_subscription(
+                JointState, "joint_states", WithMessageInfo(self._on_joint_states), STREAMED, **OVERRIDABLE
+            ),
+            self.create_subscription(Odometry, "odom", WithMessageInfo(self._on_odom), STREAMED, **OVERRIDABLE),
             self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
-            self.create_subscription(JointTrajectory, "~/reference_point", self._on_reference_point, STREAMED),
+            self.create_subscription(
+                JointTrajectory, "~/reference_point", WithMessageInfo(self._on_reference_point), STREAMED
+            ),
         ]
         # a timer of the machine's time: that of a simulation may stand still for ever
         self._timer = self.create_timer(
@@ -145,6 +152,8 @@ class ComputedTorque(LifecycleNode):
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
         self._fault_log.restart(self._controller.watchdog.reason)
+        for transit in self._transits.values():
+            transit.restart()
         return super().on_activate(state)
 
     def on_deactivate(self, state):
@@ -237,7 +246,7 @@ class ComputedTorque(LifecycleNode):
 
     # What streams
 
-    def _on_joint_states(self, message):
+    def _on_joint_states(self, message, info):
         if not self._active:
             return
         began = self._heard_at = perf_counter()
@@ -245,30 +254,54 @@ class ComputedTorque(LifecycleNode):
             self._exchange()
         controller, now = self._controller, self._now()
         stamp = message.header.stamp
-        time = now if stamp.sec == stamp.nanosec == 0 else (nanoseconds(stamp) - self._epoch) * 1e-9
+        of_now = stamp.sec == stamp.nanosec == 0
+        time = now if of_now else (nanoseconds(stamp) - self._epoch) * 1e-9
         timeout = controller.settings.state_timeout
         if 0.0 < self._last_time - time < timeout:
             self._out_of_order += 1
             return
-        self._last_time = time
+        self._last_time, until = time, began + self._lifetime()
         try:
             if not self._reader.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
                 return
+            published = now - self._delay(message, info)
+            if of_now:
+                time = published
             if abs(now - time) > timeout:
-                raise QuestionError(_of_another_time(now - time))
+                raise QuestionError(_of_another_time(now - time, of_now))
             self._base.require(now, timeout)
-            efforts = controller.step(now, time)
+            efforts = controller.step(now, time, published)
+            until -= now - min(time, published)
         except QuestionError as error:
             stamp, efforts = None, controller.refuse(now, str(error))
         except Exception as error:  # a fault of ours must not take the node down while a robot hangs on it
             self.get_logger().error(traceback.format_exc(), throttle_duration_sec=1.0)
             stamp, efforts = None, controller.refuse(now, f"internal error, please report it: {error!r}")
-        self._outputs.send(efforts, stamp)
+        self._send(efforts, stamp, until)
         self._answered(time, perf_counter() - began)
 
-    def _on_odom(self, message):
+    def _delay(self, message, info):
+        """How long a message was under way [s], as far as is known."""
+        if self.get_clock().ros_time_is_active:
+            return 0.0
+        return self._transits[type(message)].delay(time_ns(), info["source_timestamp"])
+
+    def _lifetime(self):
+        """How long efforts are good for the state that they answer [s of the machine, which are not those of a
+        simulation]."""
+        return inf if self.get_clock().ros_time_is_active else self._controller.settings.state_timeout
+
+    def _send(self, efforts, stamp=None, until=inf):
+        """Send efforts that are good until a time [s] of perf_counter; where it has passed when they leave, those that
+        are right then."""
+        controller = self._controller
+        while not self._outputs.send(efforts, stamp, until):
+            until = perf_counter() + controller.settings.state_timeout
+            efforts, stamp = controller.overdue(self._now()), None
+
+    def _on_odom(self, message, info):
         if self._active:
-            self._base.read(message, self._now())
+            self._base.read(message, self._now() - self._delay(message, info))
 
     def _answered(self, time, took):
         age = max(self._now() - time, took)
@@ -287,16 +320,17 @@ class ComputedTorque(LifecycleNode):
             return
         if self._pending is not None:
             self._exchange()
-        now, before = self._now(), self._ticked
-        self._ticked = now
+        began, now, before = perf_counter(), self._now(), self._ticked
+        self._ticked, until = now, inf
         if now != before:
             efforts = self._controller.tick(now)
-        elif perf_counter() - self._heard_at > STANDSTILL:
+            until = began + self._lifetime()
+        elif began - self._heard_at > STANDSTILL:
             efforts = self._controller.halt(f"no joint_states for {STANDSTILL:g} s, and the clock stands still")
         else:
             return
         if efforts is not None:
-            self._outputs.send(efforts)
+            self._send(efforts, until=until)
             self._tell(now)
 
     def _tell(self, time):
@@ -307,28 +341,31 @@ class ComputedTorque(LifecycleNode):
         self._diagnostics.changed(controller.fault, controller.doing, controller.without_reference, self._refusal)
 
     def _on_reference(self, message):
-        def follow(controller, now):
+        def follow(controller):
             times, points = read_reference(message, controller.law.joints, self.get_namespace())
+            now = self._now()  # thousands of points take long to read
             controller.follow(now, self._start_of(message, now), times, points)
 
         self._take(follow, "reference")
 
-    def _on_reference_point(self, message):
-        def track(controller, now):
+    def _on_reference_point(self, message, info):
+        def track(controller):
+            now = self._now()
             told = read_point(message, controller.law.joints, self.get_namespace())
-            controller.track(now, self._start_of(message, now), told)
+            controller.track(now, self._start_of(message, now - self._delay(message, info)), told)
 
         self._take(track, "reference_point")
 
-    def _start_of(self, message, now):
+    def _start_of(self, message, otherwise):
+        """The time of a stamp [s], `otherwise` for a stamp of zero."""
         stamp = nanoseconds(message.header.stamp)
-        return now if stamp == 0 else (stamp - self._epoch) * 1e-9
+        return otherwise if stamp == 0 else (stamp - self._epoch) * 1e-9
 
     def _take(self, take, topic):
         try:
             if not self._active:
                 raise QuestionError("the node is not active")
-            take(self._controller, self._now())
+            take(self._controller)
             self._refusal = ""
         except Exception as error:
             reason = str(error)
@@ -349,6 +386,7 @@ class ComputedTorque(LifecycleNode):
                 "deadline misses": self._late,
                 "saturated": self._saturated,
                 "states out of order": self._out_of_order,
+                "standstills": self._controller.watchdog.standstills if self._controller else 0,
                 "references refused": self._refused,
                 "last refusal": self._last_refusal,
             }
@@ -383,7 +421,9 @@ class ComputedTorque(LifecycleNode):
         return (WARN if objections else OK), "; ".join([controller.doing, *objections])
 
 
-def _of_another_time(age):
+def _of_another_time(age, under_way):
+    if under_way:
+        return f"joint_states were under way for {age:.3f} s"
     if age > 0:
         other = "; do both use the same time (use_sim_time)?" if age > ANOTHER_CLOCK else ""
         return f"joint_states are {age:.3f} s old by their stamp{other}"
@@ -395,7 +435,7 @@ def _of_another_time(age):
 
 def main(arguments=None):
     sys.setswitchinterval(SWITCH)
-    run(ComputedTorque, arguments, executor=EventsExecutor)
+    run(ComputedTorque, arguments, executor=events_executor, udp_only=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """What computed_torque sends: efforts in messages that are written anew each time, and the state of its control."""
 
+import math
 from array import array
+from time import perf_counter
 
 import numpy as np
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -29,16 +31,27 @@ class ControlOutputs:
         self._view = np.frombuffer(self._message.data)  # the array that the message holds, which is a copy
         self._named = JointState(name=list(joints))
 
-    def send(self, efforts, stamp=None):
+    def send(self, efforts, stamp=None, until=math.inf):
         """Publish efforts (joints,); by name as well where someone listens, stamped as the state that they answer, by
-        which a receiver pairs the two; None: as now. A stamp of zero is none."""
+        which a receiver pairs the two; None: as now. A stamp of zero is none.
+
+        until: when they are too old to be sent, by time.perf_counter() [s]; what has not left by then does not. Returns
+        whether all has left in time: where this process stands still while it sends, efforts leave when it goes on.
+        """
         self._view[:] = efforts
+        if perf_counter() > until:
+            return False
         self._commands.publish(self._message)
+        if perf_counter() > until:
+            return False
         if self._effort.get_subscription_count():
             told = stamp is not None and (stamp.sec or stamp.nanosec)
             self._named.header.stamp = stamp if told else self._clock.now().to_msg()
             self._named.effort = self._message.data
+            if perf_counter() > until:
+                return False
             self._effort.publish(self._named)
+        return perf_counter() <= until
 
     def tell(self, controller, time, rate):
         """Publish reference, feedback, error and output of a Controller, at most `rate` times a second [1/s]."""

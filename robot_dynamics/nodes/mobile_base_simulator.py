@@ -8,7 +8,6 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped, Twist, TwistStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from sensor_msgs.msg import JointState
@@ -25,7 +24,7 @@ from robot_dynamics.nodes.parameters import declare, judged
 from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
 from robot_dynamics.nodes.robot_source import PARAMETERS as OF_ROBOT
 from robot_dynamics.nodes.robot_source import RobotSource
-from robot_dynamics.nodes.running import run
+from robot_dynamics.nodes.running import events_executor, run
 from robot_dynamics.nodes.simulator_inputs import SimulatorInputs
 from robot_dynamics.nodes.simulator_parameters import FIXED, LIVELY, PARAMETERS, beyond_limits, checked, simulated
 
@@ -355,7 +354,7 @@ class MobileBaseSimulator(Node):
 
 
 def main(arguments=None):
-    run(MobileBaseSimulator, arguments, EventsExecutor)
+    run(MobileBaseSimulator, arguments, events_executor)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
-from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
@@ -19,7 +18,7 @@ from robot_dynamics.errors import QuestionError, RecordingError, RobotDynamicsEr
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics
 from robot_dynamics.nodes.parameters import declare, judged, names, typed_as
 from robot_dynamics.nodes.robot_source import RobotSource
-from robot_dynamics.nodes.running import run
+from robot_dynamics.nodes.running import events_executor, run
 from robot_dynamics.replay.base_motion import OdometryReader
 from robot_dynamics.replay.drives import load_drives
 from robot_dynamics.replay.joint_sample import joint_sample
@@ -290,7 +289,7 @@ def checked(name, value):
 
 
 def main(arguments=None):
-    run(ReplayCheck, arguments, executor=EventsExecutor)
+    run(ReplayCheck, arguments, executor=events_executor)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import rclpy
@@ -18,11 +18,13 @@ import yaml
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from robot_dynamics.errors import RobotDynamicsError, unknown_name
+from robot_dynamics.nodes.middleware import shared_memory, without_shared_memory
 from robot_dynamics.symbolic import background
 from robot_dynamics.version import package_version
 
@@ -32,10 +34,24 @@ DISCOVERY = 2.0
 OF_RCLPY = ("use_sim_time", "start_type_description_service")  # parameters that any node has
 
 
-def run(make_node, arguments=None, executor=SingleThreadedExecutor):
+def events_executor():
+    """The quickest executor that this rclpy has: EventsExecutor from 7.1.4 on."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        get_logger("robot_dynamics").warning(
+            "this rclpy has no EventsExecutor, which is there from 7.1.4 on: SingleThreadedExecutor takes its place, "
+            "and each message takes about twice as long"
+        )
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+def run(make_node, arguments=None, executor=SingleThreadedExecutor, udp_only=False):
     """Be the process of one node: make it, spin it, and end cleanly on SIGINT or SIGTERM.
 
-    make_node: a class, whose docstring is what --help says, or a function. executor: the class of what spins it.
+    make_node: a class, whose docstring is what --help says, or a function. executor: makes what spins it. udp_only:
+    whether shared memory, by which another process can block it, is kept out of its middleware.
     Arguments and parameter files that ROS refuses, and values of parameters that the node does, are told in a line and
     end the process with status 1; what is no argument of ROS is refused as well. Signals are not left to rclpy: its
     handler shuts the context down in a thread of its own, and where that meets the shutdown here, the process ends with
@@ -54,14 +70,18 @@ def run(make_node, arguments=None, executor=SingleThreadedExecutor):
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     try:
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        _, others = parser.parse_known_args(remove_ros_args(command)[1:])
-        if others:
-            parser.error(f"unrecognized arguments: {' '.join(others)}; parameters and remappings go behind --ros-args")
-        node = make_node()
+        with without_shared_memory() if udp_only else nullcontext():
+            rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+            _, others = parser.parse_known_args(remove_ros_args(command)[1:])
+            if others:
+                text = f"unrecognized arguments: {' '.join(others)}; parameters and remappings go behind --ros-args"
+                parser.error(text)
+            node = make_node()
     except (RuntimeError, ParameterException, RobotDynamicsError) as error:  # the first two are rclpy's
         sys.exit(f"{name}: {error}")
     _warn_of_parameters_that_nobody_reads(node)
+    if udp_only:
+        _warn_of_shared_memory(node)
     executor = executor()
     executor.add_node(node)
     try:
@@ -83,6 +103,17 @@ def _warn_of_parameters_that_nobody_reads(node):
     for name in told:
         if not node.has_parameter(name) and name not in OF_RCLPY and not name.startswith("qos_overrides."):
             node.get_logger().warning(f"{unknown_name('parameter', name, known)} Nothing reads it")
+
+
+def _warn_of_shared_memory(node):
+    segments = shared_memory()
+    if segments:
+        node.get_logger().warning(
+            f"the middleware uses shared memory ({segments[0]}): a process that is stopped or killed while it has "
+            "locked it can keep this node from sending for a second. This node uses UDP alone where neither a profile "
+            "of Fast DDS nor FASTDDS_BUILTIN_TRANSPORTS is set. In a profile, useBuiltinTransports false and a "
+            "transport of type UDPv4 do it, where ROS_AUTOMATIC_DISCOVERY_RANGE is not LOCALHOST"
+        )
 
 
 def _leave_compilers_behind():

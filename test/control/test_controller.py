@@ -81,7 +81,8 @@ def test_without_a_state_efforts_go_to_zero_in_a_stated_time_and_zeros_are_sent_
         sent.append(efforts.copy())
     said = {"silence": "no joint_states for more than 20 ms", "nan": "'elbow' is nan", "refused": "a joint is missing"}
     assert said[how] in made.fault
-    left = np.clip(1 - np.arange(len(sent)) * MS / 0.05, 0, 1)[:, None]
+    stale = {"silence": 0.199 + 0.02, "nan": 0.2, "refused": 0.2}[how]  # from then on, noticed or not
+    left = np.clip(1 - (began + np.arange(len(sent)) * MS - stale) / 0.05, 0, 1)[:, None]
     np.testing.assert_allclose(sent, left * held, atol=1e-6)
     assert np.abs(sent[-1]).max() == 0
 
@@ -108,6 +109,58 @@ def test_one_bad_state_hardly_shows_and_a_long_fault_drops_the_reference():
         made.refuse(now, "wrong")
     run(made, 0.45, 0.6)
     assert "dropped as efforts went to zero: wrong" in made.without_reference and made.doing == "no reference: damp"
+
+
+HOLD = np.array([[[0.3, 0.2]], [[0, 0]], [[0, 0]]])  # a trajectory of one point
+
+
+@pytest.mark.parametrize("noticed", ["tick", "good state", "old state"])
+@pytest.mark.parametrize(("lasts", "kept"), [(0.015, True), (0.06, True), (0.119, True), (0.121, False), (0.9, False)])
+def test_a_process_that_stood_still_acts_as_if_it_had_gone_on(noticed, lasts, kept):
+    made = controller()
+    made.follow(0.0, 0.0, [0.0], HOLD)
+    held = run(made, 0, 0.3005)[-1]
+    now = 0.3 + lasts
+    if noticed == "tick":
+        efforts = made.tick(now)
+    elif noticed == "good state":
+        efforts = made.step(now)
+    else:
+        efforts = made.refuse(now, "joint_states are old by their stamp")
+    if noticed != "old state" and lasts < 0.02:
+        assert made.fault == ""
+    else:
+        since = min(0.02, lasts)
+        np.testing.assert_allclose(efforts, np.clip(1 - (lasts - since) / 0.1, 0, 1) * held, atol=1e-9)
+        if lasts > 0.02:
+            assert f"stood still, or its clock jumped ahead, by {lasts:.3f} s" in made.fault
+        first = np.abs(efforts).max()
+        np.testing.assert_array_less(np.abs(run(made, now + MS, now + 3 * MS)), first + 0.05 * np.abs(held).max())
+    run(made, now + 3 * MS, now + 0.2)
+    assert made.fault == "" and (made.without_reference == "") == kept
+    if not kept:
+        assert "it was dropped as efforts went to zero: this node stood still" in made.without_reference
+
+
+def test_a_state_that_was_under_way_for_long_is_stale_sooner():
+    made = controller(mode="gravity_compensation")
+    run(made, 0, 0.2)
+    made.step(0.2, published=0.185)
+    assert made.tick(0.2049) is None
+    assert made.tick(0.2051) is not None and "no joint_states" in made.fault
+
+
+def test_a_reference_that_comes_during_a_fault_has_its_own_ramp_time():
+    made = controller()
+    run(made, 0, 0.2)
+    for now in np.arange(0.2, 0.5, MS):
+        made.refuse(now, "wrong")
+    made.follow(0.5, 0.5, [0.0], HOLD)
+    for now in np.arange(0.5, 0.6, MS):
+        made.refuse(now, "wrong")
+        assert made.without_reference == ""
+    made.refuse(0.602, "wrong")
+    assert "dropped as efforts went to zero: wrong" in made.without_reference
 
 
 def test_a_clock_that_jumps_back_stops_all_until_a_new_reference():
@@ -247,7 +300,7 @@ def test_a_trajectory_that_begins_later_is_reached_from_where_the_robot_is():
     run(made, 0.1, 0.102)
     np.testing.assert_allclose(made.reference[0], [-0.2, 0.3], atol=1e-3)
     np.testing.assert_allclose(made.reference[1], [0.0, 0.1], atol=1e-2)
-    run(made, 1.2, 1.3)
+    run(made, 0.102, 1.3)
     np.testing.assert_array_equal(made.reference, [[1, 1], [0, 0], [0, 0]])
     with pytest.raises(QuestionError, match=r"ended 0.300 s ago"):
         made.follow(1.3, 0.0, [0.0, 1.0], np.zeros((3, 2, 2)))

@@ -11,12 +11,13 @@ import mujoco
 import numpy as np
 import rclpy
 from builtin_interfaces.msg import Duration, Time
-from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from robot_dynamics.nodes.running import events_executor
 
 STEP = 1_000_000  # [ns] between two states
 SUBSTEPS = 4  # of MuJoCo in one of them
@@ -50,7 +51,7 @@ class Plant:
         self.names = [self.model.joint(k).name for k in range(self.model.njnt)]
         self.data.qpos[:] = HOME
         self.node = rclpy.create_node("plant")
-        self.executor = EventsExecutor()
+        self.executor = events_executor()
         self.executor.add_node(self.node)
         shallow = QoSProfile(depth=1)
         self.states = self.node.create_publisher(JointState, "joint_states", shallow)

@@ -1,0 +1,74 @@
+"""Nodes where rclpy has no EventsExecutor, as before 7.1.4: they do what they do, and say so once."""
+
+import os
+import time
+from contextlib import contextmanager
+
+import pytest
+from nodes.stand import Stand
+from rcl_interfaces.srv import GetParameters
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from robot_dynamics.nodes.running import running_node
+
+WARNING = "this rclpy has no EventsExecutor"
+HIDDEN = """
+import sys
+
+class Hidden:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[::2] == ("rclpy", "experimental"):
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, Hidden())
+"""
+
+
+@pytest.fixture
+def old_rclpy(tmp_path):
+    """Variables of an environment whose Python cannot import rclpy.experimental, and a file for what nodes print."""
+    (tmp_path / "sitecustomize.py").write_text(HIDDEN)
+    path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    return {"PYTHONPATH": path}, tmp_path / "log"
+
+
+@contextmanager
+def node_of(executable, old_rclpy):
+    environment, log = old_rclpy
+    with log.open("w") as file:
+        with running_node(executable, {"robot_file": "panda"}, "/old", environment, file) as process:
+            yield
+        assert process.returncode == 0, log.read_text()
+    assert log.read_text().count(WARNING) == (executable != "dynamics_server"), log.read_text()
+
+
+def test_computed_torque_without_events_executor(old_rclpy, caller):
+    with node_of("computed_torque", old_rclpy):
+        stand = Stand("/old/computed_torque", caller)
+        try:
+            stand.connect()
+            assert stand.set_parameters(mode="gravity_compensation").successful
+        finally:
+            stand.close()
+
+
+def test_mobile_base_simulator_without_events_executor(old_rclpy, caller):
+    states = []
+    subscription = caller.node.create_subscription(JointState, "/old/joint_states", states.append, 10)
+    with node_of("mobile_base_simulator", old_rclpy):
+        until = time.monotonic() + 30
+        while len(states) < 20:
+            assert time.monotonic() < until, "no states"
+            caller.spin(0.1)
+    caller.node.destroy_subscription(subscription)
+
+
+@pytest.mark.parametrize("executable", ["replay_check", "dynamics_server"])
+def test_services_without_events_executor(executable, old_rclpy, caller):
+    with node_of(executable, old_rclpy):
+        request = GetParameters.Request(names=["robot_file"])
+        response = caller.call(GetParameters, f"/old/{executable}/get_parameters", request)
+        assert response.values[0].string_value == "panda"
+        if executable == "replay_check":
+            assert caller.call(Trigger, "/old/replay_check/report", Trigger.Request()).message

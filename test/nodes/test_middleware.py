@@ -1,0 +1,144 @@
+"""No shared memory in the process that streams, as its maps and files show, and peers that use it are reached all the
+same: this process is one."""
+
+import os
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+import rclpy
+from nodes.stand import Stand
+
+from robot_dynamics.nodes import middleware
+from robot_dynamics.nodes.middleware import PROFILES, shared_memory, without_shared_memory
+from robot_dynamics.nodes.running import running_node, stop
+
+NAMES = (*middleware.PROFILE_VARIABLES, middleware.TRANSPORTS, middleware.RANGE, middleware.ONLY_HERE, middleware.PEERS)
+WARNING = "the middleware uses shared memory (/dev/shm/fast"
+
+
+def segments(process):
+    """Shared memory of Fast DDS that a process has mapped or holds open."""
+    folder = Path(f"/proc/{process.pid}")
+    held = [os.readlink(file) for file in (folder / "fd").iterdir()]
+    text = (folder / "maps").read_text() + "\n".join(held)
+    return sorted(set(middleware.SEGMENT.findall(text)))
+
+
+HERE, ALONE = ({"ROS_AUTOMATIC_DISCOVERY_RANGE": name} for name in ("LOCALHOST", "OFF"))
+
+
+@contextmanager
+def streaming(caller, namespace, log, environment):
+    """A computed_torque; unless it is alone, its efforts reach this process, and the states of this process it."""
+    variables = {**dict.fromkeys(NAMES, ""), **environment}
+    told = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
+    with log.open("w") as file, running_node("computed_torque", told, namespace, variables, file) as process:
+        stand = Stand(f"{namespace}/computed_torque", caller)
+        try:
+            if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
+                stand.wait_until(lambda: "controls panda_joint1" in log.read_text(), "it is active")
+            else:
+                stand.connect()
+            yield process
+        finally:
+            stand.close()
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [
+        HERE,
+        {"ROS_LOCALHOST_ONLY": "1"},
+        ALONE,  # as in a subnet, where no test talks
+        {**HERE, "ROS_STATIC_PEERS": "localhost;127.0.0.1"},
+        {**HERE, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"},
+    ],
+    ids=lambda environment: ",".join(environment.values()),
+)
+def test_the_node_that_streams_uses_no_shared_memory(environment, ros, caller, tmp_path):
+    assert shared_memory(), "this process does, else it is no peer that does"
+    with streaming(caller, "/udp", tmp_path / "log", environment) as process:
+        assert segments(process) == []
+    assert WARNING not in (tmp_path / "log").read_text()
+
+
+@pytest.mark.parametrize(
+    ("environment", "shared"),
+    [
+        ({**HERE, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}, True),
+        ({**ALONE, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}, True),
+        ({**HERE, "FASTRTPS_DEFAULT_PROFILES_FILE": "profile.xml"}, True),  # rmw_fastrtps adds it
+        ({**ALONE, "FASTRTPS_DEFAULT_PROFILES_FILE": "profile.xml"}, False),
+    ],
+    ids=lambda value: ",".join(value.values()) if isinstance(value, dict) else str(value),
+)
+def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, shared, ros, caller, tmp_path):
+    profile = tmp_path / "profile.xml"
+    profile.write_text(
+        '<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="mine" is_default_profile="true">'
+        "<rtps><participantID>77</participantID></rtps></participant></profiles></dds>"
+    )
+    environment = {name: value.replace(profile.name, str(profile)) for name, value in environment.items()}
+    with streaming(caller, "/chosen", tmp_path / "log", environment) as process:
+        assert bool(segments(process)) == shared
+        port = 7410 + 250 * int(os.environ["ROS_DOMAIN_ID"]) + 2 * 77  # that of participant 77, as the profile says
+        ports = {int(line.split()[1].split(":")[1], 16) for line in Path("/proc/net/udp").read_text().splitlines()[1:]}
+        assert (port in ports) == ("FASTRTPS_DEFAULT_PROFILES_FILE" in environment)
+    assert (WARNING in (tmp_path / "log").read_text()) == shared
+
+
+def test_the_installed_executable_uses_no_shared_memory(ros, caller, tmp_path):
+    executable = shutil.which("computed_torque", path=str(Path(sys.executable).parent))
+    if executable is None:
+        pytest.skip("there is no executable computed_torque beside that of Python")
+    environment = {**os.environ, **dict.fromkeys(NAMES, ""), **HERE}
+    command = [executable, "--ros-args", "-p", "robot_file:=panda", "-p", "state_timeout:=1.0", "-r", "__ns:=/script"]
+    process = subprocess.Popen(command, env=environment, cwd=tmp_path)
+    stand = Stand("/script/computed_torque", caller)
+    try:
+        stand.connect()
+        assert segments(process) == []
+    finally:
+        stand.close()
+        stop(process)
+
+
+def set_here(monkeypatch, **environment):
+    for name in NAMES:
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    return dict(os.environ)
+
+
+def test_the_environment_is_what_it_was_afterwards_and_a_profile_of_the_folder_counts(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="127.0.0.5")
+    with without_shared_memory():
+        profile = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"])
+        assert os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "SYSTEM_DEFAULT"
+        assert profile.parent != PROFILES and profile.read_text().count("<address>") == 2
+    assert dict(os.environ) == before and not profile.exists()
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text("<dds/>")
+    with without_shared_memory():
+        assert dict(os.environ) == {**before, "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    monkeypatch.setenv("SKIP_DEFAULT_XML_FILE", "1")
+    with without_shared_memory():
+        assert "FASTRTPS_DEFAULT_PROFILES_FILE" in os.environ
+
+
+def test_a_static_peer_without_an_address_is_refused(monkeypatch):
+    set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="no such name")
+    with pytest.raises(RuntimeError, match="ROS_STATIC_PEERS names 'no such name'"), without_shared_memory():
+        pass
+
+
+def test_another_middleware_is_left_alone(monkeypatch):
+    before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
+    monkeypatch.setattr(rclpy, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    with without_shared_memory():
+        assert dict(os.environ) == before
