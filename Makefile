@@ -26,6 +26,8 @@ REAL_TIME = closed_loop computed_torque mobile_base_simulator readme recorder re
 # Fewer of what is random: here it is the packages that differ.
 jazzy: export MUTATIONS := 300
 jazzy: export RANDOM_TREES := 30
+jazzy: export SIMULATED_SECONDS := 0.7
+jazzy: export SIMULATED_MECHANISMS := 4
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 

@@ -66,7 +66,8 @@ class StepIntegrator:
     def __init__(self, robot, plant, step, ground, drive_time):
         self._robot, self._plant, self._step, self._drive_time = robot, plant, step, drive_time
         self._ground, self._looped, self._base = ground, bool(robot.loops), plant.base
-        self._frames = Frames(plant.bodies, ground.points) if ground is not None and ground.points else None
+        self._points = () if ground is None else ground.points
+        self._frames = {}  # of the points, by independent joints
         self._warned = False
         self._depths = []  # of the points at the stages of a part of a step
 
@@ -215,7 +216,7 @@ class StepIntegrator:
     def _accelerations(self, q, rates, time, R, P, inputs):
         """(velocities of q, ν̇ (6 + n,)) with the base turned by R and at P in the world."""
         wrenches = inputs.wrenches
-        if self._frames is not None:
+        if self._points:
             wrenches = self._with_ground(q, rates, R, P, wrenches)
         velocities, found = self._plant.unconstrained(q, rates, self._robot.gravity @ R, inputs.efforts, wrenches)
         told = None if inputs.drive is None else (inputs.drive - rates[:6]) / self._drive_time
@@ -225,7 +226,7 @@ class StepIntegrator:
     def _meets_the_ground(self):
         """Whether a point was both in the ground and above it at the stages of a part of a step, and deeper than
         TOUCHING: then the force of the ground begins or ends within the part, which its slopes do not resolve."""
-        if self._frames is None:
+        if not self._points:
             return False
         depths = np.array(self._depths)
         meets = (depths > 0).any(axis=0) & (depths <= 0).any(axis=0)
@@ -233,12 +234,15 @@ class StepIntegrator:
 
     def _with_ground(self, q, rates, R, P, wrenches):
         """Wrenches on links with what the ground exerts on those that touch it."""
-        rotations, positions, velocities = self._frames(*self._plant.state_of_bodies(q, rates))
+        independent = self._plant.independent
+        if independent not in self._frames:
+            self._frames[independent] = Frames(self._plant.dynamics, self._points, independent)
+        rotations, positions, velocities = self._frames[independent](q, rates)
         positions = P + positions @ R.T
         self._depths.append(self._ground.height - positions[:, 2])
         forces = self._ground.forces(positions, velocities @ R.T)
         wrenches = list(wrenches)
-        for place, name in enumerate(self._ground.points):
+        for place, name in enumerate(self._points):
             if forces[place, 2]:
                 wrench = wrenches[self._plant.links.index(name)].copy()
                 wrench[:3] += (forces[place] @ R) @ rotations[place]

@@ -29,6 +29,8 @@ NEAR = 1e-2
 """Quality of loops below which each stage of a step is put on the constraints."""
 SINGULAR = 1e-6
 """Quality of loops below which values are interpolated."""
+UNDETERMINED = 1e-9
+"""Quality of loops below which rounding leaves no direction of the tangent."""
 WORSE = 0.1
 """Part of its best quality since it was chosen below which a set of coordinates is compared with others."""
 BETTER = 2.0
@@ -207,16 +209,24 @@ class ConstrainedMotion:
         SingularModelError
             The mechanism is at rest, so that nothing determines its branch; or the branch turns or ends here.
         """
-        rates = attitude.chart_rates(q, velocities, *self._charts)
+        rates = self._direction(coordinates, q, velocities)
         speed = np.abs(rates / self.unit)[self._looped].max()
-        if not speed > AT_REST:
-            self._refuse(q, "can move on in more than one way from here, and they are at rest: no direction of motion "
-                            "determines the branch")  # fmt: skip
         for distance in DISTANCES:
             sides = [self._side(coordinates, q, sign * distance / speed * rates) for sign in (1, -1)]
             if None not in sides:
                 return [(weight, side[k]) for k, weight in enumerate(WEIGHTS) for side in sides]
         self._refuse(q, "are singular all along the direction of motion, or on a branch that turns sharply")
+
+    def _direction(self, coordinates, q, velocities):
+        """Rates (all joints,) along the branch at q (all joints,), in the charts of platforms: those of velocities (all
+        joints,); at rest those of the tangent, where it is determined."""
+        rates = attitude.chart_rates(q, velocities, *self._charts)
+        if np.abs(rates / self.unit)[self._looped].max() > AT_REST:
+            return rates
+        if self.quality(coordinates, q) < UNDETERMINED:
+            self._refuse(q, "can move on in more than one way from here, and they are at rest: no direction of motion "
+                            "determines the branch")  # fmt: skip
+        return self.at(coordinates, q).rates(np.ones(len(coordinates.independent)))
 
     def _side(self, coordinates, q, stride):
         """Positions on the branch at OFFSETS times the stride (all joints,) from q, None where they are not regular."""

@@ -52,12 +52,7 @@ class Plant:
         self.size = len(self.dynamics.joint_names)
         self._looped = bool(robot.loops)
         self.loops = ConstrainedMotion(self.dynamics) if self._looped else None
-        # of all bodies, with a robot's loops open
-        tree = replace(self.dynamics.robot, loops=(), platforms=())
-        self.bodies = Dynamics(tree) if self._looped else self.dynamics
-        self._body_joints = [robot.joint_numbers[name] for name in self.bodies.joint_names]
-        self._inertia = self.bodies.compile("inertia_matrix")
-        self._links, self._programs = None, {}
+        self._links, self._programs, self._inertia = None, {}, {}
         self._places = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
         self._G = None if self._looped else self.dynamics.expand_rates(np.eye(self.size)).T
         self._coordinates, self._direction = None, None
@@ -75,6 +70,11 @@ class Plant:
         """(6 + n,) what counts as much as a radian of each of the rates [rad or m]."""
         return self._units[[0, 1, 2, 3, 4, 5, *(6 + number for number in self._places)]]
 
+    @property
+    def independent(self):
+        """Numbers of the joints that rates belong to, None without loops."""
+        return self._coordinates.independent if self._looped else None
+
     def velocities(self, coordinates, q, rates, direction):
         """Velocities (all joints,) of a robot with loops at rates (6 + n,), at positions q (all joints,) that close
         them. coordinates: the LoopCoordinates in use, with the quality at q; direction: velocities shortly before, for
@@ -88,16 +88,25 @@ class Plant:
             return velocities(q)[0]
         return interpolate(velocities, self.loops.neighbours(coordinates, q, direction))[0]
 
+    def first_velocities(self, coordinates, q, rates):
+        """Velocities (all joints,) of a robot with loops that begins at q (all joints,) with rates (6 + n,): those of
+        the tangent, as no motion has led there."""
+        chart_rates = self.loops.at(coordinates, q).rates(rates[6:])
+        return self.velocities(coordinates, q, rates, self.loops.joint_velocities(q, chart_rates))
+
     def _at_rates(self, q, rates):
         """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
         return self.unconstrained(q, rates, NO_GRAVITY, np.zeros(self.size), [np.zeros(6)] * len(self._links))
 
     def accelerations_of_motors(self, q, velocities, rates_derivative):
         """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
-        configuration = self.loops.at(self._coordinates, q)
-        rates = configuration.rates(velocities[self._places])
-        everyone = configuration.rates(rates_derivative[6:]) + configuration.drift(rates)
-        return everyone[[*self.loops.motors]]
+
+        def accelerations(q):
+            configuration = self.loops.at(self._coordinates, q)
+            drift = configuration.drift(configuration.rates(velocities[self._places]))
+            return configuration.rates(rates_derivative[6:]) + drift
+
+        return self._smooth(accelerations, q)[[*self.loops.motors]]
 
     def listen_to(self, links):
         """Let external wrenches act on the named links."""
@@ -169,26 +178,10 @@ class Plant:
 
     def inertia_matrix(self, q):
         """A (6 + n, 6 + n), or (n, n) where the base is fixed."""
-        if not self._looped:
-            return self._inertia.evaluate(q)
-        program = self.dynamics.compile("inertia_matrix", independent=self._coordinates.independent)
-        return self._smooth(program.evaluate, q)
-
-    def inertia_of_bodies(self, q):
-        """A of the robot with its loops open: of the base, where it moves, and of all joints but mimic ones."""
-        return self._inertia.evaluate(np.ascontiguousarray(q[self._body_joints]) if self._looped else q)
-
-    def state_of_bodies(self, q, rates):
-        """(q, rates (6 + m,)) of the robot with its loops open, as programs of `bodies` take them."""
-        if not self._looped:
-            return q, rates
-        velocities = self.loops.joint_velocities(q, self._at_rates(q, rates)[0])
-        return np.ascontiguousarray(q[self._body_joints]), np.concatenate([rates[:6], velocities[self._body_joints]])
-
-    def rates_of_bodies(self, twist, velocities):
-        """The rates that go with `inertia_of_bodies`: twist (6,), velocities (all joints,)."""
-        joints = velocities[self._body_joints]
-        return joints if self.base == "fixed" else np.concatenate([twist, joints])
+        if self.independent not in self._inertia:
+            program = self.dynamics.compile("inertia_matrix", independent=self.independent)
+            self._inertia[self.independent] = program
+        return self._smooth(self._inertia[self.independent].evaluate, q)
 
     def held(self, q, rates, accelerations, told=None, joints=None):
         """ν̇ (6 + n,) of what is held, from that of `unconstrained` (Gauss's principle of least constraint).
@@ -256,7 +249,7 @@ class Plant:
         C, turned = self._rolling.rows(everyone, qd)
         drift = turned @ np.concatenate([rates[:6], qd])
         if self._looped:
-            drift = drift + C[:, 6:] @ self.loops.at(self._coordinates, q).drift(qd)
+            drift = drift + C[:, 6:] @ self._smooth(lambda q: self.loops.at(self._coordinates, q).drift(qd), q)
         return np.concatenate([C[:, :6], C[:, 6:] @ G], axis=1), drift
 
     def _constraint(self, q, rates, told, joints):
@@ -300,11 +293,14 @@ def carried(twist):
 
 
 class Frames:
-    """Where named frames are and how they move: a compiled program."""
+    """Where named frames are and how they move: a compiled program.
 
-    def __init__(self, dynamics, names):
+    independent: numbers of the joints that rates belong to, None for those of Dynamics.
+    """
+
+    def __init__(self, dynamics, names, independent=None):
         self._moving = dynamics.robot.moving_base
-        program = frames_model(dynamics.robot, names)
+        program = frames_model(dynamics.robot, names, independent=independent)
         try:
             self._program = compile_program(program)
         except CompilationError:

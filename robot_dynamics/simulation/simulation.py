@@ -99,7 +99,7 @@ class Simulation:
         """The SimulationState at time 0, at positions (all joints,) and rates (6 + n,) of the base and joint_names."""
         coordinates = self._first_coordinates(everyone)
         rates = self._plant.begun(self._program_q(everyone), rates, of_base)
-        return self._state(0, 0.0, pose, self._program_q(everyone), rates, coordinates, self.state)
+        return self._state(0, 0.0, pose, self._program_q(everyone), rates, coordinates)
 
     def reset(self, state=None):
         """Go back to the state that the simulation began with, or begin with another: exactly."""
@@ -126,7 +126,7 @@ class Simulation:
             q, quality = self._plant.loops.close(coordinates, q)
             coordinates = coordinates._replace(quality=quality)
         rates = self._plant.begun(q, state.rates, of_base=True)
-        self.state = self._state(0, 0.0, state.pose, q, rates, coordinates, state)
+        self.state = self._state(0, 0.0, state.pose, q, rates, coordinates, state.joint_velocities)
 
     def advance(self, steps=1, *, efforts=None, external_wrenches=None, drive=None, motion=None):
         """Go on by some steps, and give the state there.
@@ -164,13 +164,13 @@ class Simulation:
         """The Momentum of the robot in the world; of a base that is held, of what moves."""
         if self.base == "fixed":
             raise QuestionError("a robot on a fixed base has no momentum of its own")
-        A, rates = self._bodies(self.state)
-        return momentum(A, self.state.pose[:3, :3], rates)
+        return momentum(self._inertia_at(self.state), self.state.pose[:3, :3], self.state.rates)
 
     def energy(self):
         """(kinetic, potential) [J]: of bodies and rotors; of weights and springs, zero where the world's origin is."""
         state = self.state
-        A, rates = self._bodies(state)
+        A = self._inertia_at(state)
+        rates = state.rates[-len(A) :] if len(A) else state.rates[:0]
         height = 0.0
         for link, (R, P) in zip(self.robot.links, link_placements(self.robot, state.joint_positions), strict=True):
             moments = R @ link.inertia.first_moments + link.inertia.mass * P
@@ -185,12 +185,15 @@ class Simulation:
 
     def rolling_residual(self):
         """(m,) velocities [m/s, rad/s] that the wheels forbid, and are there all the same: rounding."""
+        if self._looped:
+            self._plant.use(self.state.coordinates, self.state.joint_velocities)
         return self._plant.residual(self._program_q(self.state.joint_positions), self.state.rates)
 
-    def _bodies(self, state):
-        """(inertia matrix, rates) of base and joints, the loops open."""
-        A = self._plant.inertia_of_bodies(self._program_q(state.joint_positions))
-        return A, self._plant.rates_of_bodies(state.twist, state.joint_velocities)
+    def _inertia_at(self, state):
+        """The inertia matrix at a state, in the coordinates of its rates."""
+        if self._looped:
+            self._plant.use(state.coordinates, state.joint_velocities)
+        return self._plant.inertia_matrix(self._program_q(state.joint_positions))
 
     def _inputs(self, efforts, external_wrenches, drive, motion):
         size = self._plant.size
@@ -216,9 +219,7 @@ class Simulation:
         """The state a step later: everything is integrated together, then what must not change is put right."""
         coordinates = self._coordinates_of(state, inputs)
         begun = self._rates_of(state, coordinates, inputs)
-        if inputs.undisturbed:
-            start = self._velocities(self._program_q(state.joint_positions), begun, state, coordinates)
-            start = self._plant.rates_of_bodies(begun[:6], start)
+        kept = self._momentum_before(state, begun) if inputs.undisturbed else None
         rubbing = len(self._rubbing) > 0 and inputs.motion is None
         if rubbing:
             inputs, held = self._with_friction(state, begun, inputs)
@@ -230,30 +231,31 @@ class Simulation:
         if inputs.motion is not None:
             rates[6:] = inputs.motion(time)[1]
         if inputs.undisturbed:
-            velocities = self._velocities(q, rates, state, coordinates)
-            rates[:6] = self._keep_momentum(state, start, q, pose[:3, :3], rates[:6], velocities)
+            rates[:6] = self._keep_momentum(state, q, pose[:3, :3], rates, kept)
         if rubbing:
             rates = rates + self._friction(q, rates, inputs, held)[0]
         rates = self._plant.allowed(q, rates, joints=inputs.motion is not None)
-        found = self._state(state.steps + 1, time, pose, q, rates, coordinates, state)
+        found = self._state(state.steps + 1, time, pose, q, rates, coordinates, state.joint_velocities)
         if inputs.undisturbed:
             self._kept = found, self._kept[1]
         return found
 
-    def _state(self, steps, time, pose, q, rates, coordinates, before):
-        """The SimulationState at positions q (as programs take them) and rates (6 + n,). before: the state that led
-        here, for its direction of motion."""
-        velocities = self._velocities(q, rates, before, coordinates)
+    def _state(self, steps, time, pose, q, rates, coordinates, direction=None):
+        """The SimulationState at positions q (as programs take them) and rates (6 + n,). direction: velocities (all
+        joints,) that led here, None where nothing did."""
+        velocities = self._velocities(q, rates, direction, coordinates)
         everyone = q if self._looped or self._alone else self.dynamics.expand(q)
         return SimulationState(
             steps, time, pose, rates[:6].copy(), np.array(everyone[self._places]), velocities[self._places].copy(),
             np.array(everyone), velocities, coordinates,
         )  # fmt: skip
 
-    def _velocities(self, q, rates, before, coordinates):
+    def _velocities(self, q, rates, direction, coordinates):
         """Velocities (all joints,) at rates (6 + n,)."""
+        if self._looped and direction is None:
+            return self._plant.first_velocities(coordinates, q, rates)
         if self._looped:
-            return self._plant.velocities(coordinates, q, rates, before.joint_velocities)
+            return self._plant.velocities(coordinates, q, rates, direction)
         return rates[6:].copy() if self._alone else self._plant.velocity_matrix(q) @ rates[6:]
 
     def _coordinates_of(self, state, inputs):
@@ -273,22 +275,28 @@ class Simulation:
             return state.rates
         q, rates = self._program_q(state.joint_positions), np.concatenate([state.twist, inputs.motion(state.time)[1]])
         if self.base == "free":
-            A, R = self._plant.inertia_of_bodies(q), state.pose[:3, :3]
-            velocities = self._velocities(q, rates, state, coordinates)
-            kept = momentum(A, R, self._plant.rates_of_bodies(state.twist, state.joint_velocities))
-            rates[:6] = twist_of(kept, A, R, self._plant.rates_of_bodies(state.twist, velocities))
+            kept, R = self._momentum_of(state, coordinates), state.pose[:3, :3]
+            rates[:6] = twist_of(kept, self._plant.inertia_matrix(q), R, rates)
         return self._plant.allowed(q, rates, joints=True)
 
-    def _keep_momentum(self, before, begun, q, R, twist, velocities):
-        """The twist (6,) of the base that has the momentum from before the step, and what gravity has given.
+    def _momentum_of(self, state, coordinates):
+        """The Momentum of a state; the plant takes rates as those of `coordinates` afterwards."""
+        kept = momentum(self._inertia_at(state), state.pose[:3, :3], state.rates)
+        if self._looped:
+            self._plant.use(coordinates, state.joint_velocities)
+        return kept
 
-        begun: rates of the bodies before the step; twist (6,), velocities (all joints,): after it.
-        """
-        A, rates = self._plant.inertia_of_bodies(q), self._plant.rates_of_bodies(twist, velocities)
+    def _momentum_before(self, state, begun):
+        """The Momentum that a step begins with, at rates (6 + n,): carried on from the step before, so that rounding
+        does not add up."""
         came_to, kept = self._kept
-        if came_to is not before:  # else carried on, so that rounding does not add up
-            A_before = self._plant.inertia_of_bodies(self._program_q(before.joint_positions))
-            kept = momentum(A_before, before.pose[:3, :3], begun)
+        if came_to is state:
+            return kept
+        return momentum(self._inertia_at(state), state.pose[:3, :3], begun)
+
+    def _keep_momentum(self, state, q, R, rates, kept):
+        """The twist (6,) of the base that has the momentum from before the step, and what gravity has given."""
+        A = self._plant.inertia_matrix(q)
         kept = Momentum(kept.linear + A[0, 0] * self.step * self.robot.gravity, kept.angular)
         self._kept = None, kept
         return twist_of(kept, A, R, rates)

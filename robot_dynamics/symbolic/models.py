@@ -163,10 +163,10 @@ def pose_model(robot, frame):
     return model.program({"pose": pose @ placed.placement})
 
 
-def frames_model(robot, frames):
+def frames_model(robot, frames, *, independent=None):
     """q, qd (and the twist (6,) of a moving base) -> rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) of the
-    origins of named frames, all in frame 0."""
-    model = _Model("frames", robot, ("q", "qd"), gather=False, frames=frames)
+    origins of named frames, all in frame 0. independent: numbers of the joints that qd belongs to, if given."""
+    model = _Model("frames", robot, ("q", "qd"), gather=False, frames=frames, independent=independent)
     placements = link_placements(model.robot, model.q)
     twists = sweep_forward(model.robot, model.q, model.qd, model.twist, {}).velocities
     rotations, positions, velocities = [], [], []
