@@ -235,8 +235,8 @@ def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):
         count, since, started = len(stand.commands), len(stand.efforts), time.time_ns()
         with running_node("computed_torque", {**TOLD, "ramp_time": ramp}, namespace):
             stand.wait_until(lambda: len(stand.efforts) > since + 20, "efforts again")
+        stand.wait_until(lambda: not np.any(stand.commands[-1][1]), "zeros, the last of a node that ends")
         first, sent = stand.efforts[since], np.array([efforts for _, efforts in stand.commands[count:]])
         share = np.abs(first.effort).max() / np.abs(HELD).max()  # of the ramp, by which it was at zero
         assert nanoseconds(first.header.stamp) - share * ramp * 1e9 > started
         assert np.abs(np.diff(sent[:-1], axis=0)).max() < 0.1 * np.abs(HELD).max()
-        assert not np.any(sent[-1]), "the last of a node that ends are zeros"
