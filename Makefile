@@ -22,7 +22,8 @@ test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
 test jazzy: export OMP_NUM_THREADS := 1
 # Tests of nodes in real time, which must not wait for a core. The soak is of what a long time brings: it is left out.
-REAL_TIME = closed_loop computed_torque mobile_base_simulator readme recorder replay_check streaming_faults streaming_soak
+REAL_TIME = closed_loop computed_torque mobile_base_simulator readme recorder replay_check
+REAL_TIME += streaming_faults streaming_interruptions streaming_soak
 # Fewer of what is random: here it is the packages that differ.
 jazzy: export MUTATIONS := 300
 jazzy: export RANDOM_TREES := 30

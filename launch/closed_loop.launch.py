@@ -3,7 +3,7 @@
 The reference goes to computed_torque/reference (trajectory_msgs/JointTrajectory). Simulated time is on the topic that
 `clock` names, which is in the namespace: so two of them run side by side, as namespace:=left and namespace:=right.
 clock:=/clock gives simulated time to all nodes; one simulator alone may do that. clock:=none keeps the time of the
-machine.
+machine. publish_clock and use_sim_time in the file that `parameters` names win over both.
 """
 
 from launch.actions import DeclareLaunchArgument
@@ -11,7 +11,6 @@ from launch.substitutions import (
     EqualsSubstitution,
     IfElseSubstitution,
     LaunchConfiguration,
-    NotEqualsSubstitution,
     PathJoinSubstitution,
 )
 from launch_ros.actions import Node
@@ -31,7 +30,9 @@ def generate_launch_description():
     shipped = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "closed_loop.yaml"])
     parameters = LaunchConfiguration("parameters")
     robot = {"robot_file": ParameterValue(value_of("robot"), value_type=str)}
-    simulated = ParameterValue(NotEqualsSubstitution(LaunchConfiguration("clock"), "none"), value_type=bool)
+    simulated = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "simulated_time.yaml"])
+    machine = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "machine_time.yaml"])
+    of_time = IfElseSubstitution(EqualsSubstitution(LaunchConfiguration("clock"), "none"), machine, simulated)
     common = {"package": "robot_dynamics", "namespace": value_of("namespace"), "output": "screen"}
     clock = ("/clock", LaunchConfiguration("clock"))
     return LaunchDescription(
@@ -48,13 +49,13 @@ def generate_launch_description():
             ),
             Node(
                 executable="mobile_base_simulator",
-                parameters=[parameters, {**robot, "publish_clock": simulated}],
+                parameters=[of_time, parameters, robot],
                 remappings=[("~/commands", "computed_torque/commands"), clock],
                 **common,
             ),
             Node(
                 executable="computed_torque",
-                parameters=[parameters, {**robot, "use_sim_time": simulated}],
+                parameters=[of_time, parameters, robot],
                 remappings=[clock],
                 **common,
             ),

@@ -1,6 +1,7 @@
 """Torques for a robot: ros2 launch robot_dynamics computed_torque.launch.py robot:=panda
 
-With robot:=none it is taken from the topic robot_description.
+With robot:=none it is taken from the topic robot_description. use_sim_time in the file that `parameters` names wins
+over the argument.
 """
 
 from launch.actions import DeclareLaunchArgument
@@ -20,10 +21,10 @@ def value_of(argument):
 
 def generate_launch_description():
     shipped = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "computed_torque.yaml"])
-    robot_and_time = {
-        "robot_file": ParameterValue(value_of("robot"), value_type=str),
-        "use_sim_time": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
-    }
+    simulated = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "simulated_time.yaml"])
+    machine = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "machine_time.yaml"])
+    of_time = IfElseSubstitution(LaunchConfiguration("use_sim_time"), simulated, machine)
+    robot = {"robot_file": ParameterValue(value_of("robot"), value_type=str)}
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -41,7 +42,7 @@ def generate_launch_description():
                 package="robot_dynamics",
                 executable="computed_torque",
                 namespace=value_of("namespace"),
-                parameters=[LaunchConfiguration("parameters"), robot_and_time],
+                parameters=[of_time, LaunchConfiguration("parameters"), robot],
                 remappings=[
                     ("/clock", LaunchConfiguration("clock")),
                     ("joint_states", LaunchConfiguration("joint_states")),

@@ -1,11 +1,13 @@
-"""mobile_base_simulator alone: ros2 launch robot_dynamics mobile_base_simulator.launch.py robot:=free_flying_arm"""
+"""mobile_base_simulator alone: ros2 launch robot_dynamics mobile_base_simulator.launch.py robot:=free_flying_arm
+
+publish_clock in the file that `parameters` names wins over `clock`.
+"""
 
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import (
     EqualsSubstitution,
     IfElseSubstitution,
     LaunchConfiguration,
-    NotEqualsSubstitution,
     PathJoinSubstitution,
 )
 from launch_ros.actions import Node
@@ -23,10 +25,10 @@ def value_of(argument):
 
 def generate_launch_description():
     shipped = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "mobile_base_simulator.yaml"])
-    robot_and_time = {
-        "robot_file": ParameterValue(value_of("robot"), value_type=str),
-        "publish_clock": ParameterValue(NotEqualsSubstitution(LaunchConfiguration("clock"), "none"), value_type=bool),
-    }
+    simulated = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "simulated_time.yaml"])
+    machine = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "machine_time.yaml"])
+    of_time = IfElseSubstitution(EqualsSubstitution(LaunchConfiguration("clock"), "none"), machine, simulated)
+    robot = {"robot_file": ParameterValue(value_of("robot"), value_type=str)}
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -43,7 +45,7 @@ def generate_launch_description():
                 package="robot_dynamics",
                 executable="mobile_base_simulator",
                 namespace=value_of("namespace"),
-                parameters=[LaunchConfiguration("parameters"), robot_and_time],
+                parameters=[of_time, LaunchConfiguration("parameters"), robot],
                 remappings=[("/clock", LaunchConfiguration("clock"))],
                 output="screen",
             ),

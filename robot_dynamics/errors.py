@@ -2,6 +2,8 @@
 
 from difflib import get_close_matches
 
+INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
+
 
 class RobotDynamicsError(Exception):
     """Base of every error that this package raises on purpose."""

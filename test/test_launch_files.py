@@ -57,7 +57,10 @@ def literal(node):
     return node.value if isinstance(node, ast.Constant) else None
 
 
-@pytest.mark.parametrize("name", ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot3_burger"])
+SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot3_burger"]
+
+
+@pytest.mark.parametrize("name", [*SHIPPED, "simulated_time", "machine_time"])
 def test_parameter_files_hold_what_the_nodes_take(name):
     from robot_dynamics.nodes import control_parameters, simulator_parameters
 

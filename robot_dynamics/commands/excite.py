@@ -4,7 +4,7 @@ It begins and ends at rest, and makes the condition number of the base parameter
 Written is a CSV with columns time, <joint>.position, .velocity and .acceleration. Whether links hit each other, the
 table or a cable is not known here: look at the motion before a robot runs it, and begin slowly.
 
-It takes a second or two for an arm of seven joints; how long it will take is said at the beginning, and a bar on a
+It takes some seconds for an arm of seven joints; how long it will take is said at the beginning, and a bar on a
 terminal shows how far it is. --time-limit ends it with the best trajectory so far.
 """
 

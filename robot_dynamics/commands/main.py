@@ -5,11 +5,9 @@ import logging
 import os
 import sys
 
-from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.errors import INTERRUPTED, RobotDynamicsError
 from robot_dynamics.optional import missing_package
 from robot_dynamics.version import package_version
-
-INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
 
 
 def verb_modules():

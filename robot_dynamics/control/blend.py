@@ -21,6 +21,11 @@ class Blend:
         """Something else is wanted from a time [s] on, the next `send` if None, which may be far from what is sent."""
         self._jumps, self._since = True, since
 
+    def stop(self):
+        """Send zeros now. What is wanted next is sent at once, unless `begin` says that it jumps."""
+        self.sent[:], self.saturated[:] = 0.0, False
+        self._begun, self._jumps = None, False
+
     def send(self, now, wanted):
         """The efforts (size,) to send at a time [s] for those that are wanted. What was given is left as it was."""
         if self._jumps:

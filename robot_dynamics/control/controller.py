@@ -167,11 +167,12 @@ class Controller:
         return self._efforts(now, now)
 
     def halt(self, reason):
-        """Efforts of zero at once: time stands still, and no ramp would end."""
+        """Efforts of zero at once, and from then on until a good state: time stands still, and no ramp would end, or
+        what is sent on a ramp comes too late."""
         self.watchdog.refuse(reason)
         self.fault = reason
         self._enter("fault")
-        self.sent[:] = 0.0
+        self._blend.stop()
         return self.sent
 
     def tick(self, now):

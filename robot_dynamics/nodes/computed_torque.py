@@ -17,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.law import FEEDFORWARD, GRAVITY, Law, driven_joints
+from robot_dynamics.control.sending import send_in_time
 from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.errors import QuestionError, RobotDynamicsError
 from robot_dynamics.nodes.base_odometry import BaseReader
@@ -294,10 +295,7 @@ class ComputedTorque(LifecycleNode):
     def _send(self, efforts, stamp=None, until=inf):
         """Send efforts that are good until a time [s] of perf_counter; where it has passed when they leave, those that
         are right then."""
-        controller = self._controller
-        while not self._outputs.send(efforts, stamp, until):
-            until = perf_counter() + controller.settings.state_timeout
-            efforts, stamp = controller.overdue(self._now()), None
+        send_in_time(self._controller, self._outputs.send, self._now, efforts, stamp, until)
 
     def _on_odom(self, message, info):
         if self._active:

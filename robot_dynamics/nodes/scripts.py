@@ -3,7 +3,9 @@
 import sys
 from importlib import import_module
 
-INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
+from robot_dynamics.errors import INTERRUPTED
+from robot_dynamics.optional import missing_package
+
 WITHOUT_ROS = (
     "install ROS 2 Jazzy and source its setup.bash, or run `make venv` in a checkout of robot_dynamics, which brings "
     "its own ROS. The command robot-dynamics and the Python library need no ROS"
@@ -20,11 +22,9 @@ def run_executable(name: str):
         main = import_module(f"robot_dynamics.nodes.{name}").main
     except ModuleNotFoundError as error:
         missing = (error.name or "").partition(".")[0]
-        if missing == "robot_dynamics":
-            raise
-        ros = missing in ROS_MODULES or missing.endswith("_msgs") or missing.endswith("_srvs")
-        remedy = WITHOUT_ROS if ros else f"pip install {missing}"
-        sys.exit(f"{name}: {error.msg} in {sys.executable}: {remedy}")
+        if missing in ROS_MODULES or missing.endswith("_msgs") or missing.endswith("_srvs"):
+            sys.exit(f"{name}: {error.msg} in {sys.executable}: {WITHOUT_ROS}")
+        sys.exit(f"{missing_package(error, name)} (for {sys.executable})")
     except KeyboardInterrupt:
         print(f"{name}: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)

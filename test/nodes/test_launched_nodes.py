@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from nodes.questions import call, inverse_request
@@ -73,6 +74,44 @@ def test_every_default_can_be_typed_and_is_what_comes_without_it(file, tmp_path)
         assert any("robot_file: ''" in word for word in told[1])
     with pytest.raises(ValueError, match="malformed launch argument 'robot:='"):
         started(file, ["robot:="], tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "of_user", "expected"),
+    [
+        ("closed_loop", [], {}, (True, True)),
+        ("closed_loop", ["clock:=/clock"], {}, (True, True)),
+        ("closed_loop", ["clock:=none"], {}, (False, False)),
+        ("closed_loop", [], {"/**/mobile_base_simulator": {"publish_clock": False}}, (False, True)),
+        ("closed_loop", [], {"/**": {"publish_clock": False, "use_sim_time": False}}, (False, False)),
+        ("closed_loop", ["clock:=none"], {"/left/computed_torque": {"use_sim_time": True}}, (False, True)),
+        ("mobile_base_simulator", [], {}, (True, None)),
+        ("mobile_base_simulator", ["clock:=none"], {}, (False, None)),
+        ("mobile_base_simulator", [], {"/**/mobile_base_simulator": {"publish_clock": False}}, (False, None)),
+        ("computed_torque", [], {}, (None, False)),
+        ("computed_torque", ["use_sim_time:=true"], {}, (None, True)),
+        ("computed_torque", [], {"/**/computed_torque": {"use_sim_time": True}}, (None, True)),
+    ],
+)
+def test_time_is_that_of_the_arguments_but_where_the_parameter_file_says_otherwise(
+    file, arguments, of_user, expected, ros, tmp_path
+):
+    """And the robot is that of the arguments: nodes have the parameters that rcl gives them of all that is loaded."""
+    typed = ["namespace:=left", "robot:=ur5e", *arguments]
+    if of_user:
+        of_user = {node: {**values, "robot_file": "rx90"} for node, values in of_user.items()}
+        typed.append(with_parameters(tmp_path, of_user))
+    values = {"mobile_base_simulator": None, "computed_torque": None}
+    for executable, told in started(f"{file}.launch.py", typed, tmp_path):
+        node = rclpy.create_node(
+            executable, cli_args=["--ros-args", *told], use_global_arguments=False,
+            automatically_declare_parameters_from_overrides=True,
+        )  # fmt: skip
+        name = "publish_clock" if executable == "mobile_base_simulator" else "use_sim_time"
+        values[executable] = node.get_parameter(name).value
+        assert node.get_parameter("robot_file").value == "ur5e"
+        node.destroy_node()
+    assert tuple(values.values()) == expected
 
 
 def test_with_robot_none_the_robot_of_the_topic_is_served(caller, tmp_path):

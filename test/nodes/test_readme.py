@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.commands import excite
 from robot_dynamics.nodes import simulator_parameters
 from robot_dynamics.nodes.control_parameters import PARAMETERS as OF_CONTROL
 from robot_dynamics.nodes.replay_check import PARAMETERS as OF_REPLAY
@@ -230,6 +231,20 @@ def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
     for target in ("demo", "test", "lint", "colcon"):
         assert f"make {target}" in ci, target
+
+
+def test_what_streams_in_real_time_does_not_wait_for_a_core():
+    """`make jazzy` runs the tests that REAL_TIME lists by themselves."""
+    lines = re.findall(r"^REAL_TIME \+?= (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    listed, folder = " ".join(lines).split(), ROOT / "test" / "nodes"
+    assert all((folder / f"test_{name}.py").is_file() for name in listed)
+    streaming = {path.stem.removeprefix("test_") for path in folder.glob("test_streaming_*.py")}
+    assert len(streaming) >= 3 and streaming <= set(listed)
+
+
+def test_excite_takes_as_long_in_the_readme_as_in_its_help():
+    taken = [re.findall(r"It takes (.*? seconds?|a second .*?)\b", text) for text in (README, excite.__doc__)]
+    assert taken == [["some seconds"], ["some seconds"]]
 
 
 def test_simulators_of_the_readme_run_and_take_its_messages(caller):

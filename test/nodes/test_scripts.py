@@ -49,11 +49,20 @@ def test_without_ros_one_line_says_what_to_install(name, tmp_path):
     assert line.startswith(f"{name}: No module named '") and "source its setup.bash" in line and "make venv" in line
 
 
-def test_what_else_is_missing_is_named_and_the_command_needs_no_ros(tmp_path):
+@pytest.mark.parametrize(
+    ("module", "package", "of_ubuntu"),
+    [("matplotlib", "matplotlib", "python3-matplotlib"), ("yaml", "pyyaml", "python3-yaml")],
+)
+def test_what_else_is_missing_is_named_as_pip_and_apt_name_it(module, package, of_ubuntu, tmp_path):
     done = subprocess.run(
-        script("demo"), env=environment(tmp_path, "matplotlib"), capture_output=True, text=True, timeout=120
+        script("demo"), env=environment(tmp_path, module), capture_output=True, text=True, timeout=120
     )
-    assert done.returncode == 1 and done.stderr.count("\n") == 1 and "pip install matplotlib" in done.stderr
+    assert done.returncode == 1 and done.stderr.count("\n") == 1, done.stderr
+    assert f"demo needs {module}, which is not installed: pip install {package}, " in done.stderr
+    assert f"sudo apt install {of_ubuntu}" in done.stderr and sys.executable in done.stderr
+
+
+def test_the_command_needs_no_ros(tmp_path):
     without_ros = environment(tmp_path, "ros")
     done = subprocess.run(
         [*script("robot-dynamics"), "--version"], env=without_ros, capture_output=True, text=True, timeout=120
