@@ -82,14 +82,13 @@ class Configurations:
         return self._everyone(t).reshape(*batch, len(self._names)), good.reshape(batch)
 
     def _blocks(self, samples, seed):
-        """[(slice, Closed)] of blocks of samples (N, n), with a seed (..., dependent) or None."""
+        """(slice, Closed) of one block of samples (N, n) after the other, with a seed (..., dependent) or None."""
         seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
-        blocks = [slice(first, first + SAMPLES_AT_ONCE) for first in range(0, len(samples), SAMPLES_AT_ONCE)]
-        with self._steps() as step:
-            return [
-                (block, self._coupling.found(samples[block], None if seeds is None else seeds[block], step))
-                for block in blocks
-            ]
+        for first in range(0, len(samples), SAMPLES_AT_ONCE):
+            block = slice(first, first + SAMPLES_AT_ONCE)
+            with self._steps() as step:  # left before the block is handed out: what it sets is no caller's business
+                found = self._coupling.found(samples[block], None if seeds is None else seeds[block], step)
+            yield block, found
 
     def followed(self, q):
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one

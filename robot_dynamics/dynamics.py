@@ -21,13 +21,14 @@ from robot_dynamics.model.robot import Robot
 from robot_dynamics.motion import State, moved, with_loops_closed
 from robot_dynamics.natural_frequencies import Elastodynamics
 from robot_dynamics.newton_euler.attitude import virtual_links
+from robot_dynamics.newton_euler.charted_regressor import independent_regressor
 from robot_dynamics.newton_euler.coupling import projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.equilibrium import balance
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
-from robot_dynamics.newton_euler.regressor import parameter_names, parameters, regressor
+from robot_dynamics.newton_euler.regressor import parameter_names, parameters
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.platform import PlatformDynamics, Platforms
@@ -210,6 +211,9 @@ class Dynamics:
         """Y (..., n, p): efforts of a motion are Y @ parameters, springs apart, for the inertial parameters, rotors and
         friction of `parameter_names`. With a moving base, the acceleration of which Base must tell, (..., 6 + n, p).
 
+        Links between yaw, pitch and roll of a platform have no body: their columns, and those of these three joints,
+        say what one would add. They grow with 1/cos² of pitch, and are zero where |cos pitch| is less than 1e-12.
+
         Source: Khalil, section 4, for loops: Gᵀ times that of the tree.
         """
         q, qdd = self._positions(q), self._joints("accelerations", qdd)
@@ -217,12 +221,10 @@ class Dynamics:
             raise QuestionError("the regressor takes a base that moves as told: give its acceleration in Base")
 
         def recursion():
-            state = self._state(q, qd, base, given=qdd, in_charts=False)
+            state = self._state(q, qd, base, given=qdd)
+            moving, at = (state.base.twist, state.base.acceleration), state.configuration
             with np.errstate(all="ignore"):
-                everyone = state.everyone(qdd)
-                Y = regressor(self.robot, state.q, state.qd, everyone, state.base.twist, state.base.acceleration)
-                P = projection(state.configuration.G, self._base_rows)
-                return filled(np.swapaxes(P, -1, -2) @ Y, state.batch, axes=2)
+                return filled(independent_regressor(at, state.qd, state.everyone(qdd), *moving), state.batch, axes=2)
 
         given = {"q": q, "qd": self._joints("velocities", qd), "qdd": qdd}
         return self._computed("regressor", given, {"base": base}, recursion)
@@ -456,9 +458,9 @@ class Dynamics:
             what, values, {place: f"joint {self.joint_names[place]!r}: {why}" for place in self._undriven}
         )
 
-    def _state(self, q, qd, base, external_wrenches=None, given=None, in_charts=True):
+    def _state(self, q, qd, base, external_wrenches=None, given=None):
         base, wrenches = base_state(self.robot, base), link_wrenches(self.robot, external_wrenches)
-        in_charts = in_charts and not virtual_links(self.robot) & {*wrenches}
+        in_charts = not virtual_links(self.robot) & {*wrenches}
         configuration, qd = self._configurations.at(q, in_charts=in_charts), self._joints("velocities", qd)
         told = (configuration.q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
         batch = common_batch(*told)

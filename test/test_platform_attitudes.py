@@ -1,6 +1,8 @@
 """Platforms at every attitude, through pitch ±90° of their coordinates: the same robot, of which the pose is told in
 frames in which pitch is far from there, has the same motors, efforts and accelerations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers.maximal_coordinates import MaximalCoordinates
@@ -9,7 +11,9 @@ from peers.reframed import pose_between, reframed, screw_of
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.placement import placement
+from robot_dynamics.newton_euler.regressor import parameter_names
 from robot_dynamics.platform import pose_of
 
 ALL = ("x", "y", "z", "yaw", "pitch", "roll")
@@ -114,6 +118,72 @@ def test_compiled_models(pair):
     efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
     near(programs["inverse"].batch(pair.new_q, pair.qd, pair.qdd), efforts)
     near(programs["direct"].batch(pair.new_q, pair.qd, efforts), pair.qdd, 1e-7)
+
+
+def virtual_columns(robot):
+    """Numbers of the columns of links between the turning joints of the platform, and of these joints."""
+    turning = robot.platform.joints[3:]
+    names = {robot.joints[k].name for k in turning} | {robot.links[k + 1].name for k in turning[:2]}
+    return [k for k, name in enumerate(parameter_names(robot)) if name.partition(".")[2] in names]
+
+
+def check_regressor(pair, Y):
+    """Efforts are those of `inverse`, as all bodies, rotors and frictions are but the springs of joints."""
+    efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
+    springs = pair.old.elasticity(pair.old_q, pair.qd)
+    near(Y @ pair.new.parameters, efforts - springs)
+    assert np.isfinite(Y).all()
+    assert not pair.new.parameters[virtual_columns(pair.new.robot)].any()
+
+
+def test_regressor(pair):
+    check_regressor(pair, pair.new.regressor(pair.new_q, pair.qd, pair.qdd))
+
+
+def test_columns_of_legs_are_the_same(pair):
+    """Column by column: those of legs and their joints depend on no frames of the platform."""
+    old = pair.old.regressor(pair.old_q, pair.qd, pair.qdd)
+    new = pair.new.regressor(pair.new_q, pair.qd, pair.qdd)
+    platform = {pair.old.robot.joints[k].name for k in pair.old.robot.platform.joints}
+    platform |= {pair.old.robot.links[k + 1].name for k in pair.old.robot.platform.joints}
+    names = [name for name in pair.old.parameter_names if name.partition(".")[2] not in platform]
+    for name in names:
+        near(new[..., pair.new.parameter_names.index(name)], old[..., pair.old.parameter_names.index(name)])
+
+
+@pytest.mark.parametrize("pair", ["gough_stewart", "3-RPS"], indirect=True)
+def test_compiled_regressor(pair):
+    program = pair.new.compile("regressor")
+    Y = program.batch(pair.new_q, pair.qd, pair.qdd)
+    check_regressor(pair, Y)
+    expected = pair.new.regressor(pair.new_q, pair.qd, pair.qdd)
+    kept = np.setdiff1d(np.arange(Y.shape[-1]), virtual_columns(pair.new.robot))
+    near(Y[..., kept], expected[..., kept])
+    apart = np.abs(np.cos(pair.new_q[:, pair.new.robot.platform.joints[4]])) > 1e-3  # from where other columns end
+    assert apart.any()
+    near(Y[apart], expected[apart])
+
+
+def test_columns_of_links_between_the_angles():
+    """What bodies, rotors and frictions there would add, where the angles have rates: as in a robot that has them and
+    therefore no chart."""
+    robot = load_robot("gough_stewart")
+    dynamics, angles = Dynamics(robot, compiled=False), robot.platform.joints[3:]
+    rng = np.random.default_rng(2)
+    joints = [replace(joint, rotor_inertia=0.1, viscous_friction=0.2, coulomb_friction=0.3) if k in angles else joint
+              for k, joint in enumerate(robot.joints)]  # fmt: skip
+    links = list(robot.links)
+    for k in angles[:2]:
+        points = rng.uniform(-0.1, 0.1, (6, 3))  # of 1 kg each
+        moments = np.sum(points**2) * np.eye(3) - points.T @ points
+        links[k + 1] = replace(links[k + 1], inertia=Inertia(6.0, points.sum(axis=0), moments))
+    heavy = Dynamics(replace(robot, joints=tuple(joints), links=tuple(links)), compiled=False)
+    numbers = [robot.joint_numbers[name] for name in dynamics.joint_names]
+    q = dynamics.expand(dynamics.closed_positions[numbers] + rng.uniform(-0.02, 0.02, (20, len(numbers))))
+    rates = rng.uniform(-1, 1, (2, 20, len(numbers)))
+    Y, expected = dynamics.regressor(q, *rates), heavy.regressor(q, *rates)
+    np.testing.assert_allclose(Y, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(Y @ heavy.parameters, heavy.inverse(q, *rates), rtol=1e-9, atol=1e-9)
 
 
 def test_efforts_are_those_of_maximal_coordinates(pair):

@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robot_dynamics.model.joint import Joint
+from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import place
 
 STEEP = 0.5
@@ -142,33 +143,52 @@ def sine_cosine(q, attitude, zero):
     return np.sin(angle)[..., 0], np.cos(angle)[..., 0]
 
 
-def joint_velocities(q, rates, attitudes, zero):
+def quotient(value, cosine, whole):
+    """value / cosine (...), 0 where both are rounding and nan where the cosine alone is. whole: (..., 3)."""
+    undefined = np.abs(cosine) < UNDEFINED
+    none = np.abs(value) <= NEGLIGIBLE * np.abs(whole).max(axis=-1)
+    with np.errstate(invalid="ignore"):
+        return np.where(undefined, np.where(none, 0.0, np.nan), value / np.where(undefined, 1.0, cosine))
+
+
+def quotient_or_zero(value, cosine, _):
+    """value / cosine (...), 0 where the cosine is rounding; of symbols too."""
+    existing = defined(cosine)
+    return value * existing * cosine / (cosine * cosine + (1 - existing))
+
+
+def defined(cosine):
+    """1 where rates of yaw and roll exist for every angular velocity, 0 elsewhere (...); of symbols too."""
+    return (1 + signs(cosine * cosine - UNDEFINED**2)) / 2
+
+
+def joint_velocities(q, rates, attitudes, zero, quotient=quotient):
     """Velocities (..., joints) of the joints, from rates (..., joints) in the charts of `attitudes` at q (..., joints).
 
     Where pitch is ±90° they do not exist for every angular velocity: there those of yaw and roll are nan, or yaw stands
-    still where roll and pitch alone make the motion.
+    still where roll and pitch alone make the motion; or they are what `quotient` says.
     """
     if not attitudes:
         return rates
     rates = _own(q, rates)
     for attitude in attitudes:
         (yaw, _, roll), (sine, cosine) = attitude.joints, sine_cosine(q, attitude, zero)
-        rates[..., yaw] = _quotient(rates[..., yaw], cosine, rates[..., attitude.joints])
+        rates[..., yaw] = quotient(rates[..., yaw], cosine, rates[..., attitude.joints])
         rates[..., roll] = rates[..., roll] + sine * rates[..., yaw]
     return rates
 
 
-def joint_accelerations(q, velocities, rates, attitudes, zero):
+def joint_accelerations(q, velocities, rates, attitudes, zero, quotient=quotient):
     """Accelerations (..., joints) of the joints, from those in the charts; velocities: as `joint_velocities` has them.
-    They are nan where velocities are."""
+    They are nan where velocities are, or what `quotient` says."""
     if not attitudes:
         return rates
     rates = _own(q, velocities, rates)
     for attitude in attitudes:
         (yaw, pitch, roll), (sine, cosine) = attitude.joints, sine_cosine(q, attitude, zero)
         turning = 2 * sine * velocities[..., yaw] * velocities[..., pitch]
-        bending = sine * cosine * velocities[..., yaw] ** 2
-        yaw_rate = _quotient(rates[..., yaw] + turning, cosine, rates[..., attitude.joints])
+        bending = sine * cosine * velocities[..., yaw] * velocities[..., yaw]
+        yaw_rate = quotient(rates[..., yaw] + turning, cosine, rates[..., attitude.joints])
         rates[..., pitch] = rates[..., pitch] - bending
         rates[..., yaw], rates[..., roll] = yaw_rate, rates[..., roll] + sine * yaw_rate
     return rates
@@ -184,26 +204,19 @@ def chart_rates(q, velocities, attitudes, zero):
     return velocities
 
 
-def chart_forces(q, forces, attitudes, zero):
+def chart_forces(q, forces, attitudes, zero, quotient=quotient):
     """Forces (..., joints) along the coordinates of the charts, from those at the joints, by virtual work."""
     forces = _own(q, forces) if attitudes else forces
     for attitude in attitudes:
         (yaw, _, roll), (sine, cosine) = attitude.joints, sine_cosine(q, attitude, zero)
-        forces[..., yaw] = _quotient(forces[..., yaw] + sine * forces[..., roll], cosine, forces[..., attitude.joints])
+        whole = forces[..., attitude.joints]
+        forces[..., yaw] = quotient(forces[..., yaw] + sine * forces[..., roll], cosine, whole)
     return forces
 
 
 def _own(*arrays):
     """The last of arrays (..., joints), a copy with the batch of all."""
-    return np.array(np.broadcast_arrays(*arrays)[-1], dtype=float)
-
-
-def _quotient(value, cosine, whole):
-    """value / cosine (...), 0 where both are rounding and nan where the cosine alone is. whole: (..., 3)."""
-    undefined = np.abs(cosine) < UNDEFINED
-    none = np.abs(value) <= NEGLIGIBLE * np.abs(whole).max(axis=-1)
-    with np.errstate(invalid="ignore"):
-        return np.where(undefined, np.where(none, 0.0, np.nan), value / np.where(undefined, 1.0, cosine))
+    return np.array(np.broadcast_arrays(*arrays)[-1], dtype=np.result_type(float, *arrays))
 
 
 def moved(t, way, attitudes):

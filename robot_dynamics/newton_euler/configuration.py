@@ -43,6 +43,11 @@ class Configuration:
         """Positions (..., all joints) that go with `robot`."""
         return self.q
 
+    @property
+    def attitudes(self):
+        """The Attitudes of platforms that move in their charts."""
+        return ()
+
     def joint_velocities(self, rates):
         """Velocities (..., all joints) of the joints, from what `rates` gives."""
         return rates
@@ -156,6 +161,10 @@ class ChartedConfiguration(Configuration):
 
     def forces(self, efforts):
         return attitude.chart_forces(self.q, efforts, *self._charts)
+
+    @property
+    def attitudes(self):
+        return self.coupling.attitudes
 
     @property
     def _charts(self):

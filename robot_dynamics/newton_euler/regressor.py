@@ -38,16 +38,19 @@ def parameters(robot):
     return np.array(values)
 
 
-def regressor(robot, q, qd, qdd, base_twist, base_acceleration):
+def regressor(robot, q, qd, qdd, base_twist, base_acceleration, links=None):
     """Y (..., m, p): m = n joints, or 6 + n rows with a moving base, whose wrench comes first.
 
-    q, qd, qdd: (..., n); base_twist: 0V0 and base_acceleration: 0V̇0 (..., 6), gravity taken off, in frame 0.
+    q, qd, qdd: (..., n); base_twist: 0V0 and base_acceleration: 0V̇0 (..., 6), gravity taken off, in frame 0; links:
+    numbers of those of which the columns are computed, with those of their joints, if not all.
     """
     motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration)
     base, joints = (6 if robot.moving_base else 0), len(robot.joints)
     zero = 0 * (q[..., 0] if joints else base_acceleration[..., 0])
     columns = []
     for number, motion in enumerate(motions):
+        if links is not None and number not in links:
+            continue
         if number > 0 or robot.moving_base:
             for wrench in _unit_wrenches(motion):
                 columns.append(_rows(robot, motions, number, wrench, base, zero))

@@ -15,11 +15,11 @@ from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.newton_euler import composite
 from robot_dynamics.newton_euler.attitude import virtual_links
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
+from robot_dynamics.newton_euler.charted_regressor import independent_regressor
 from robot_dynamics.newton_euler.coupling import coupled_accelerations, coupling, projection
 from robot_dynamics.newton_euler.elastic import spring_force
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
-from robot_dynamics.newton_euler.regressor import regressor
 from robot_dynamics.newton_euler.screw import cross, wrench_to_antecedent
 from robot_dynamics.symbolic.base_parameters import gathered
 from robot_dynamics.symbolic.program import program_of
@@ -39,10 +39,11 @@ ARGUMENTS_OF_BASE = {
     "frames": ("twist",),
 }
 
-# models of which the results do not name rates of yaw, pitch and roll: platforms move in charts of their attitudes
+# models of which the results name no rates of yaw, pitch and roll, or only in columns of parameters that are zero:
+# platforms move in charts of their attitudes
 IN_CHARTS = (
     *("inverse", "direct", "inertia_matrix", "gravity", "coriolis", "bias", "friction"),
-    *("pose", "frames", "state_derivative"),
+    *("pose", "frames", "state_derivative", "regressor"),
 )
 # models that take no matrix of how all joints move with the independent ones, but where these are few
 BY_VECTORS = ("inverse", "gravity", "coriolis", "bias")
@@ -136,8 +137,8 @@ def regressor_model(robot):
     """q, qd, qdd (twist, gravity, base_acceleration) -> regressor (m, p), its columns as in newton_euler.regressor."""
     model = _Model("regressor", robot, ("q", "qd", "qdd"), told=robot.moving_base, prepare=False)
     qdd = model.everyone(model.inputs["qdd"])
-    Y = regressor(model.robot, model.q, model.qd, qdd, model.twist, model.base_acceleration)
-    return model.program({"regressor": model.projection.T @ Y})
+    Y = independent_regressor(model.configuration, model.qd, qdd, model.twist, model.base_acceleration)
+    return model.program({"regressor": Y})
 
 
 def closure_model(robot, *, independent=None):
