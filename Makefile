@@ -29,6 +29,8 @@ jazzy: export MUTATIONS := 300
 jazzy: export RANDOM_TREES := 30
 jazzy: export SIMULATED_SECONDS := 0.7
 jazzy: export SIMULATED_MECHANISMS := 4
+jazzy: export SEEDS := 1
+jazzy: export INTERRUPTION_ROUNDS := 2
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
