@@ -39,8 +39,12 @@ TOO_LARGE = 1e-2
 
 
 class Inputs(NamedTuple):
-    """What acts during a step. efforts: (n,); wrenches: (6,) for each link that the plant listens to; drive: (6,) or
-    None; motion: a function of time, or None; undisturbed: whether nothing but gravity acts on a free base."""
+    """What acts during a step.
+
+    efforts: (n,), of all joints where the robot has loops; wrenches: (6,) for each link that the plant listens to;
+    drive: (6,) or None; motion: a function of time, or None; undisturbed: whether nothing but gravity acts on a free
+    base.
+    """
 
     efforts: np.ndarray
     wrenches: list

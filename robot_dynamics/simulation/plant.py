@@ -96,7 +96,7 @@ class Plant:
 
     def _at_rates(self, q, rates):
         """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
-        return self.unconstrained(q, rates, NO_GRAVITY, np.zeros(self.size), [np.zeros(6)] * len(self._links))
+        return self.unconstrained(q, rates, NO_GRAVITY, np.zeros(len(q)), [np.zeros(6)] * len(self._links))
 
     def accelerations_of_motors(self, q, velocities, rates_derivative):
         """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
@@ -142,8 +142,8 @@ class Plant:
     def unconstrained(self, q, rates, gravity, efforts, wrenches):
         """(velocities of the positions q, ν̇ (6 + n,)) where nothing holds a moving base.
 
-        q: as programs take it; gravity: (3,) in the base frame; efforts: (n,); wrenches: (6,) for each of `links`.
-        Velocities of a platform's angles are those of the chart of its attitude.
+        q: as programs take it; gravity: (3,) in the base frame; efforts: (n,), of all joints where the robot has loops;
+        wrenches: (6,) for each of `links`. Velocities of a platform's angles are those of the chart of its attitude.
         """
         found, twist = np.zeros(6 + self.size), rates[:6]
         base = () if self.base == "fixed" else (twist, gravity)
@@ -161,6 +161,7 @@ class Plant:
     def refuse(self, q, rates, efforts):
         """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
         base = {} if self.base == "fixed" else {"base": Base(twist=rates[:6])}
+        efforts = efforts[[*self.loops.motors]] if self._looped else efforts
         with suppress(QuestionError):  # numbers too large, which the caller says
             self.dynamics.direct(q, rates[6:], efforts, **base)
 

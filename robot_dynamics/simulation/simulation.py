@@ -213,7 +213,8 @@ class Simulation:
             self._plant.listen_to([*self._plant.links, *new])
         given = [np.ascontiguousarray(wrenches.get(name, NOTHING), dtype=float) for name in self._plant.links]
         undisturbed = self.base == "free" and self.ground is None and not any(map(np.any, given))
-        return Inputs(np.ascontiguousarray(efforts, dtype=float), given, drive, motion, undisturbed)
+        efforts = self.dynamics.spread_efforts(efforts) if self._looped else np.ascontiguousarray(efforts, dtype=float)
+        return Inputs(efforts, given, drive, motion, undisturbed)
 
     def _stepped(self, state, inputs):
         """The state a step later: everything is integrated together, then what must not change is put right."""
@@ -302,13 +303,18 @@ class Simulation:
         return twist_of(kept, A, R, rates)
 
     def _with_friction(self, state, begun, inputs):
-        """(_Inputs with friction among the efforts, its impulses (k,)): as it must be through a step, so that joints
+        """(Inputs with friction among the efforts, its impulses (k,)): as it must be through a step, so that joints
         which it holds stay where they are."""
         q = self._program_q(state.joint_positions)
         coordinates = self._coordinates_of(state, inputs)
         ahead = begun + self.step * self._integrator.accelerations(state, q, begun, coordinates, inputs)
         _, impulses, shares = self._friction(q, ahead, inputs, np.zeros(len(self._rubbing)))
-        return inputs._replace(efforts=inputs.efforts + shares @ impulses / self.step), impulses
+        efforts = inputs.efforts.copy()
+        if self._looped:
+            efforts[self._rubbing] += impulses / self.step
+        else:
+            efforts += shares @ impulses / self.step
+        return inputs._replace(efforts=efforts), impulses
 
     def _friction(self, q, rates, inputs, held):
         """(what friction of a step makes of rates (6 + n,): a change of them; its impulses (k,); shares (n, k) of the

@@ -86,17 +86,16 @@ def direct_model(robot, *, wrenches=(), told=False, guarded=False, gather=True):
 
 
 def state_derivative_model(robot, *, wrenches=(), independent=None, gather=True):
-    """q (all joints,), qd (n,), efforts (n,) -> velocities (all joints,), accelerations (n,) and, with a moving base,
-    base_acceleration (6,): what a simulation integrates.
+    """q (all joints,), qd (n,), efforts (all joints,) -> velocities (all joints,), accelerations (n,) and, with a
+    moving base, base_acceleration (6,): what a simulation integrates.
 
-    independent: numbers of the joints that qd and the accelerations belong to; efforts stay those of the independent
-    joints of Dynamics. q need not close the loops to rounding: velocities and accelerations are smooth functions of it.
-    Velocities of a platform's yaw, pitch and roll are those of the chart of its attitude, as in newton_euler.attitude.
+    independent: numbers of the joints that qd and the accelerations belong to. q need not close the loops to rounding:
+    velocities and accelerations are smooth functions of it. Velocities of a platform's yaw, pitch and roll are those of
+    the chart of its attitude, as in newton_euler.attitude.
     """
     model = _Model("state_derivative", robot, ("q", "qd", "efforts"), wrenches, gather=gather, independent=independent)
-    motors, efforts = np.zeros(len(robot.joints), dtype=object), model.inputs["efforts"]
-    motors[coupling(robot).independent] = efforts
-    pushes = model.gathered(motors - model.lost_everywhere)
+    model.inputs["efforts"] = efforts = model.trace.input("efforts", len(robot.joints))
+    pushes = model.gathered(efforts - model.lost_everywhere)
     nothing = np.zeros(model.size, dtype=int)
     base_acceleration, qdd = model.accelerations(tuple(range(model.size)), nothing, pushes)
     return model.program({"velocities": model.qd, "accelerations": qdd}, base_acceleration)

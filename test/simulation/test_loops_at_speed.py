@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from peers.five_bar import FiveBar
 from peers.four_bar import FourBar
-from peers.planar_lagrange import PlanarBody, random_body, random_plane
+from peers.planar_lagrange import JointProperties, PlanarBody, random_body, random_plane
 from peers.reframed import reframed
 
 from robot_dynamics import Dynamics, load_robot
@@ -151,13 +151,16 @@ def test_shipped_robots_with_loops_keep_their_energy(name):
     print(f"{name}: {keeps_energy(simulation, seconds):.2g} of the largest kinetic energy")
 
 
-def test_a_four_bar_passes_dead_points_as_the_one_that_its_other_link_drives():
+@pytest.mark.parametrize(
+    "friction", [JointProperties(), JointProperties(coulomb_friction=0.02, viscous_friction=0.003)]
+)
+def test_a_four_bar_passes_dead_points_as_the_one_that_its_other_link_drives(friction):
     """The motor of one linkage is at the long link, which only swings; that of the other, of the same bodies, at the
     short link, which turns all the way round: coordinates that are never singular."""
     short, coupler, long, ground = 0.15, 0.5, 0.4, 0.45
     rng = np.random.default_rng(5)
     bodies = [random_body(rng, length) for length in (short, coupler, long)]
-    free = FourBar(short, coupler, long, ground, tuple(bodies), gravity=np.zeros(3), mode=1)
+    free = FourBar(short, coupler, long, ground, tuple(bodies), (friction,) * 4, gravity=np.zeros(3), mode=1)
     reference = Simulation(free.robot(0.4), step=1e-3)
     reference.start(velocities=[5.0])
     # seen from the other end: x reversed, so that the plane is turned by half a turn about its normal
@@ -166,7 +169,9 @@ def test_a_four_bar_passes_dead_points_as_the_one_that_its_other_link_drives():
     swapped = [bodies[2], reversed_body(bodies[1], coupler), bodies[0]]
     rocker = np.real(free.link_angles(np.array([0.4]))[2])
     swinging = [
-        FourBar(long, coupler, short, ground, tuple(swapped), gravity=np.zeros(3), plane=turned, mode=mode)
+        FourBar(
+            long, coupler, short, ground, tuple(swapped), (friction,) * 4, mode=mode, plane=turned, gravity=np.zeros(3)
+        )
         for mode in (1, -1)
     ]
     at = np.array([rocker - np.pi])
