@@ -24,6 +24,7 @@ compile() {
         cp "$written" "$versions"
     fi
     uv pip compile --quiet --no-header --no-emit-index-url --no-emit-find-links "$@" --output-file "$versions"
+    sed -i "/#   --override /d" "$versions"  # the name of a temporary file
     cat - "$versions" >"$written"
 }
 

@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
@@ -23,7 +23,10 @@ WARNING = "the middleware uses shared memory (/dev/shm/fast"
 def segments(process):
     """Shared memory of Fast DDS that a process has mapped or holds open."""
     folder = Path(f"/proc/{process.pid}")
-    held = [os.readlink(file) for file in (folder / "fd").iterdir()]
+    held = []
+    for file in (folder / "fd").iterdir():
+        with suppress(FileNotFoundError):  # closed since the folder was listed
+            held.append(os.readlink(file))
     text = (folder / "maps").read_text() + "\n".join(held)
     return sorted(set(middleware.SEGMENT.findall(text)))
 

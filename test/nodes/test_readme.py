@@ -258,12 +258,19 @@ def test_simulators_of_the_readme_run_and_take_its_messages(caller):
             node.wait_until(lambda node=node: node.joint_states, "joint_states")
             if namespace == "/space":
                 node.wait_until(lambda node=node: node.odom, "odom")
+            messages = []
             for topic, kind, message in said if namespace == "/" else []:
                 package, _, kind = kind.split("/")
                 message_type = getattr(importlib.import_module(f"{package}.msg"), kind)
-                node.publish(topic, fill(message_type(), yaml.safe_load(message)))
+                messages.append((topic, fill(message_type(), yaml.safe_load(message))))
+
+            def efforts_act(node=node, messages=messages):
+                for topic, message in messages:  # again and again, as `ros2 topic pub --rate` does
+                    node.publish(topic, message)
+                return any(np.any(state.effort) for state in node.joint_states)
+
             if namespace == "/":
-                node.wait_until(lambda node=node: any(np.any(s.effort) for s in node.joint_states), "efforts that act")
+                node.wait_until(efforts_act, "efforts that act")
                 assert not node.says("refused:")
 
 
