@@ -73,7 +73,7 @@ colcon: venv  ## build both packages as in a ROS workspace, into build/, install
 
 bench: venv  ## measure recursions, compiled models, loops, parallel robots and the streaming of efforts beside others
 	.venv/bin/python benchmarks/inverse_direct.py
-	.venv/bin/python benchmarks/compiled.py
+	.venv/bin/python benchmarks/compiled_models.py
 	.venv/bin/python benchmarks/closed_loops.py
 	.venv/bin/python benchmarks/parallel_robots.py
 	.venv/bin/python benchmarks/elastodynamics.py
@@ -82,15 +82,15 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots and 
 
 soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
-	COMPARED=1000 .venv/bin/python -m pytest -s test/test_parallel_models.py -k both_models --timeout 1500
+	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel.test_platform_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
-	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/test_assembly_modes.py --timeout 1500
+	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel.test_assembly_modes.py --timeout 1500
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
 	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
-	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/replay/test_faults.py --timeout 900
+	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
 	INTERRUPTION_ROUNDS=100 .venv/bin/python -m pytest -s test/nodes/test_streaming_interruptions.py
-	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_closed_loop.py
+	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_control_loop.py
 
 clean:  ## remove all that the other targets made
 	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info

@@ -25,7 +25,14 @@ setup(
     maintainer_email="maintainers@robot-dynamics.example.org",
     # Named one by one: a bare search would also take test/ and the folder of the interface package.
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["model/formats/mdh.schema.json", "replay/*.schema.json", "nodes/fastdds/*.xml"]},
+    package_data={
+        PACKAGE: [
+            "model/formats/mdh_yaml/mdh.schema.json",
+            "recordings/*.schema.json",
+            "checking/*.schema.json",
+            "nodes/fastdds/*.xml",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
@@ -46,12 +53,12 @@ setup(
     zip_safe=True,
     entry_points={
         "console_scripts": [
-            "computed_torque = robot_dynamics.nodes.scripts:computed_torque",
-            "dynamics_server = robot_dynamics.nodes.scripts:dynamics_server",
-            "demo = robot_dynamics.nodes.scripts:demo",
-            "mobile_base_simulator = robot_dynamics.nodes.scripts:mobile_base_simulator",
-            "replay_check = robot_dynamics.nodes.scripts:replay_check",
-            "robot-dynamics = robot_dynamics.commands.main:main",
+            "computed_torque = robot_dynamics.nodes.executables:computed_torque",
+            "dynamics_server = robot_dynamics.nodes.executables:dynamics_server",
+            "demo = robot_dynamics.nodes.executables:demo",
+            "mobile_base_simulator = robot_dynamics.nodes.executables:mobile_base_simulator",
+            "replay_check = robot_dynamics.nodes.executables:replay_check",
+            "robot-dynamics = robot_dynamics.cli.main:main",
         ],
     },
 )

@@ -29,8 +29,8 @@ import pinocchio as pin
 
 sys.path.insert(0, str(Path(__file__).parent))
 sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
-from compiled import installed, show
-from inverse_direct import processor
+from compiled import installed_version, print_row
+from inverse_direct import processor_name
 from peers.pinocchio_loops import PinocchioLoops, inertias_with_cut_links
 from peers.reachable import reachable
 
@@ -38,12 +38,12 @@ from robot_dynamics import Dynamics, Inertia, load_robot
 
 HAS_MUJOCO = find_spec("mujoco") is not None
 if HAS_MUJOCO:
-    from mujoco_loops import SETTINGS, MujocoLoops
+    from mujoco_loops import MUJOCO_SETTINGS, MujocoLoops
 
 ROBOTS = ("four_bar", "five_bar", "andrews_squeezer", "bricard", "sr400", "irb460")
 STATES = 100  # that single calls go round
-MOMENT = 1e-3  # [s] before which a controller has closed the loops the last time
-NO_MASS = 1e-9  # [kg] of a link of which only the moment about its axis is told, for Pinocchio
+SEED_DELAY = 1e-3  # [s] before which a controller has closed the loops the last time
+MINIMAL_MASS = 1e-9  # [kg] of a link of which only the moment about its axis is told, for Pinocchio
 PROXIMAL, ACCURACY = 1e-5, 1e-6  # of Pinocchio's method: where it takes the least time, and is still exact to 1e-10
 SOFTNESS = 2e-3  # part of what constraints change by which mj_forward may miss it
 
@@ -53,17 +53,17 @@ class Case:
 
     def __init__(self, name, samples, seed=0):
         self.robot = load_robot(name)
-        self.dynamics, self.tree = Dynamics(self.robot), Dynamics(tree_of(self.robot))
+        self.dynamics, self.tree = Dynamics(self.robot), Dynamics(open_tree(self.robot))
         dynamics, rng = self.dynamics, np.random.default_rng(seed)
         self.independent = [self.robot.joint_numbers[name] for name in dynamics.joint_names]
         self.motors = reachable(dynamics, samples, rng)
         self.qd, self.qdd = rng.uniform(-1, 1, (2, *self.motors.shape))
-        self.q = dynamics.expand(self.motors)
+        self.q = dynamics.expand_positions(self.motors)
         self.efforts = dynamics.inverse(self.q, self.qd, self.qdd)
-        self.rates = dynamics.expand_rates(self.qd, self.q)
-        self.everyone = dynamics.expand_accelerations(self.qdd, self.q, self.qd)
-        self.tree_efforts = self.tree.inverse(self.q, self.rates, self.everyone)
-        self.seeds = self.q - MOMENT * self.rates
+        self.rates = dynamics.expand_velocities(self.qd, self.q)
+        self.joint_accelerations = dynamics.expand_accelerations(self.qdd, self.q, self.qd)
+        self.tree_efforts = self.tree.inverse(self.q, self.rates, self.joint_accelerations)
+        self.seeds = self.q - SEED_DELAY * self.rates
         self.seeds[:, self.independent] = self.motors
 
     def check(self):
@@ -71,32 +71,34 @@ class Case:
         few, dynamics = slice(0, STATES), self.dynamics
         q, qd, qdd, efforts = (values[few] for values in (self.q, self.qd, self.qdd, self.efforts))
         for seeds in (q, self.motors[few], self.seeds[few]):
-            assert difference(dynamics.inverse(seeds, qd, qdd), efforts) < 1e-9, "the door differs"
-            assert difference(dynamics.direct(seeds, qd, efforts), qdd) < 1e-7, "the door is not its own inverse"
-        assert difference(dynamics.compile("inverse").batch(q, qd, qdd), efforts) < 1e-9, "a program differs"
-        assert difference(dynamics.compile("direct").batch(q, qd, efforts), qdd) < 1e-7, "a program differs"
+            assert relative_difference(dynamics.inverse(seeds, qd, qdd), efforts) < 1e-9, "the door differs"
+            assert relative_difference(dynamics.direct(seeds, qd, efforts), qdd) < 1e-7, (
+                "the door is not its own inverse"
+            )
+        assert relative_difference(dynamics.compile("inverse").batch(q, qd, qdd), efforts) < 1e-9, "a program differs"
+        assert relative_difference(dynamics.compile("direct").batch(q, qd, efforts), qdd) < 1e-7, "a program differs"
         _, call, states = self.pinocchio()
         found = np.array([call(*state).copy() for state in states])
-        missed = difference(found, self.of_pinocchio(self.everyone[few]))
+        missed = relative_difference(found, self.to_pinocchio_order(self.joint_accelerations[few]))
         assert missed < 1e-8, "Pinocchio differs"
         yield f"accelerations of Pinocchio differ by {missed:.0e} of the largest"
         if HAS_MUJOCO:
             yield from self.check_mujoco(few)
 
     def check_mujoco(self, few):
-        peer, everyone = self.mujoco, self.everyone[few]
+        peer, joint_accelerations = self.mujoco, self.joint_accelerations[few]
         _, direct, states = self.mujoco_calls("direct")
         found, free = map(np.array, zip(*((direct(*state).copy(), peer.free()) for state in states), strict=True))
-        exact = peer.vector(everyone)
+        exact = peer.to_mujoco_order(joint_accelerations)
         missed, held = (np.abs(values - exact).max(axis=-1) for values in (found, free))
         assert (missed / held).max() < SOFTNESS, "MuJoCo differs"
         apart = missed / np.abs(exact).max(axis=-1)
         _, inverse, states = self.mujoco_calls("inverse")
-        forces = np.zeros_like(everyone)
-        forces[:, peer.kept] = np.array([inverse(*state).copy() for state in states])[:, peer.places]
-        inexact = difference(self.dynamics.gather_efforts(forces, self.q[few]), self.efforts[few])
+        forces = np.zeros_like(joint_accelerations)
+        forces[:, peer.kept_joints] = np.array([inverse(*state).copy() for state in states])[:, peer.dof_indices]
+        inexact = relative_difference(self.dynamics.project_efforts(forces, self.q[few]), self.efforts[few])
         assert inexact < 1e-9, "mj_inverse differs"
-        for q, rates in zip(peer.vector(self.q[few]), peer.vector(self.rates[few]), strict=True):
+        for q, rates in zip(peer.to_mujoco_order(self.q[few]), peer.to_mujoco_order(self.rates[few]), strict=True):
             J = peer.jacobian(q)
             assert np.abs(J @ rates).max() < 1e-9 * max(1, np.abs(rates).max()), "MuJoCo's loops are others"
         yield f"efforts gathered from mj_inverse differ by {inexact:.0e} of the largest"
@@ -106,11 +108,11 @@ class Case:
 
     def pinocchio(self):
         """(what, call, states) of Pinocchio's direct model."""
-        self._pinocchio = peer = PinocchioLoops(with_masses(self.robot))
+        self._pinocchio = peer = PinocchioLoops(with_minimal_masses(self.robot))
         pin.initConstraintDynamics(peer.model, peer.data, peer.contacts, peer.contact_data)
         settings = pin.ProximalSettings(ACCURACY, PROXIMAL, 20)
-        told = [self.q, self.rates, self.dynamics.spread_efforts(self.efforts)]
-        states = list(zip(*(self.of_pinocchio(values[:STATES]) for values in told), strict=True))
+        told = [self.q, self.rates, self.dynamics.embed_efforts(self.efforts)]
+        states = list(zip(*(self.to_pinocchio_order(values[:STATES]) for values in told), strict=True))
 
         def direct(q, qd, efforts):
             return pin.constraintDynamics(
@@ -119,7 +121,7 @@ class Case:
 
         return "Pinocchio's constraintDynamics", direct, states
 
-    def of_pinocchio(self, values):
+    def to_pinocchio_order(self, values):
         """Values (N, all joints) in Pinocchio's order."""
         found = np.empty_like(values)
         found[:, self._pinocchio.rows] = values
@@ -128,13 +130,13 @@ class Case:
     @property
     def mujoco(self):
         if not hasattr(self, "_mujoco"):
-            self._mujoco = MujocoLoops(self.robot, self.dynamics.closed_positions)
+            self._mujoco = MujocoLoops(self.robot, self.dynamics.initial_joint_positions)
         return self._mujoco
 
     def mujoco_calls(self, model):
         """(what, call, states) of MuJoCo."""
-        last = self.everyone if model == "inverse" else self.dynamics.spread_efforts(self.efforts)
-        told = [self.mujoco.vector(values[:STATES]) for values in (self.q, self.rates, last)]
+        last = self.joint_accelerations if model == "inverse" else self.dynamics.embed_efforts(self.efforts)
+        told = [self.mujoco.to_mujoco_order(values[:STATES]) for values in (self.q, self.rates, last)]
         call = self.mujoco.inverse if model == "inverse" else self.mujoco.direct
         return f"MuJoCo's mj_{'forward' if model == 'direct' else model}", call, list(zip(*told, strict=True))
 
@@ -142,31 +144,33 @@ class Case:
         """(what, ours, the other, samples) of one model: inverse or direct."""
         door, tree_door = getattr(self.dynamics, model), getattr(self.tree, model)
         program, tree_program = self.dynamics.compile(model), self.tree.compile(model)
-        program.prepare_batch(), tree_program.prepare_batch()
-        last, tree_last = (self.qdd, self.everyone) if model == "inverse" else (self.efforts, self.tree_efforts)
+        program.compile_batch(), tree_program.compile_batch()
+        last, tree_last = (
+            (self.qdd, self.joint_accelerations) if model == "inverse" else (self.efforts, self.tree_efforts)
+        )
         given, of_tree = (self.q, self.qd, last), (self.q, self.rates, tree_last)
         positions = {
             "closed positions": self.q,
-            f"seeds of {MOMENT * 1e3:g} ms before": self.seeds,
+            f"seeds of {SEED_DELAY * 1e3:g} ms before": self.seeds,
             "positions of motors alone": self.motors,
         }
-        made_ready(lambda: door(*(values[0] for values in given)))
-        made_ready(lambda: door(self.motors[0], self.qd[0], last[0]))
-        made_ready(lambda: tree_door(*(values[0] for values in of_tree)))
+        warm_up(lambda: door(*(values[0] for values in given)))
+        warm_up(lambda: door(self.motors[0], self.qd[0], last[0]))
+        warm_up(lambda: tree_door(*(values[0] for values in of_tree)))
 
-        one_of_tree = going_round(tree_door, of_tree)
+        one_of_tree = cycle_calls(tree_door, of_tree)
         for what, q in positions.items():
-            yield f"door, {what}, beside the tree's", going_round(door, (q, *given[1:])), one_of_tree, 1
+            yield f"door, {what}, beside the tree's", cycle_calls(door, (q, *given[1:])), one_of_tree, 1
         out, tree_out = np.empty_like(last[0]), np.empty_like(tree_last[0])
-        alone = going_round(lambda *state: program.evaluate(*state, out), given)
-        tree_alone = going_round(lambda *state: tree_program.evaluate(*state, tree_out), of_tree)
+        alone = cycle_calls(lambda *state: program.evaluate(*state, out), given)
+        tree_alone = cycle_calls(lambda *state: tree_program.evaluate(*state, tree_out), of_tree)
         yield "program, beside the tree's", alone, tree_alone, 1
         peers = [self.mujoco_calls(model)] if HAS_MUJOCO else []
         peers += [self.pinocchio()] if model == "direct" else []
         for what, call, states in peers:
-            theirs = going_round(call, list(zip(*states, strict=True)))
+            theirs = cycle_calls(call, list(zip(*states, strict=True)))
             yield f"program, beside {what}", alone, theirs, 1
-            yield f"door, closed positions, beside {what}", going_round(door, given), theirs, 1
+            yield f"door, closed positions, beside {what}", cycle_calls(door, given), theirs, 1
         count = len(self.q)
         for what, q in positions.items():
             yield (
@@ -186,14 +190,14 @@ class Case:
     def closure_rows(self):
         """(what, ours, the other, samples) of one step that closes the loops, beside the tree's inverse model."""
         program, tree_program = self.dynamics.compile("closure"), self.tree.compile("inverse")
-        leads = [number for number, (leader, _, _) in enumerate(self.robot.leaders) if leader == number]
+        leads = [number for number, (leader, _, _) in enumerate(self.robot.mimic_relations) if leader == number]
         q = np.ascontiguousarray(self.q[:, leads])
         out = [np.empty(shape) for _, shape in program.interface.outputs]
-        tree_out, of_tree = np.empty_like(self.q[0]), (self.q, self.rates, self.everyone)
+        tree_out, of_tree = np.empty_like(self.q[0]), (self.q, self.rates, self.joint_accelerations)
         yield (
             "a step of closing, beside the tree's inverse",
-            going_round(lambda q: program.evaluate(q, *out), (q,)),
-            going_round(lambda *state: tree_program.evaluate(*state, tree_out), of_tree),
+            cycle_calls(lambda q: program.evaluate(q, *out), (q,)),
+            cycle_calls(lambda *state: tree_program.evaluate(*state, tree_out), of_tree),
             1,
         )
         many, tree_many = [np.empty((len(q), *values.shape)) for values in out], np.empty_like(self.q)
@@ -205,7 +209,7 @@ class Case:
         )
 
 
-def tree_of(robot):
+def open_tree(robot):
     """The Robot without its loops, a motor in each joint and inertia in each link."""
     inertias = inertias_with_cut_links(robot)
     links = tuple(replace(link, inertia=inertia) for link, inertia in zip(robot.links, inertias, strict=True))
@@ -213,21 +217,21 @@ def tree_of(robot):
     return replace(robot, links=links, joints=joints, loops=(), platforms=())
 
 
-def with_masses(robot):
+def with_minimal_masses(robot):
     """The same robot for a peer that takes no moments without a mass."""
-    light = Inertia(NO_MASS, np.zeros(3), np.zeros((3, 3)))
+    light = Inertia(MINIMAL_MASS, np.zeros(3), np.zeros((3, 3)))
     links = tuple(
         replace(link, inertia=link.inertia + light) if link.inertia.is_moment_about_z else link for link in robot.links
     )
     return replace(robot, links=links)
 
 
-def difference(found, expected):
+def relative_difference(found, expected):
     """The largest difference as a part of the largest number."""
     return np.abs(found - expected).max() / np.abs(expected).max()
 
 
-def made_ready(ask):
+def warm_up(ask):
     """Ask until the door has its programs, which it makes beside the questions."""
     started = time.perf_counter()
     while time.perf_counter() - started < 0.2:
@@ -237,7 +241,7 @@ def made_ready(ask):
             thread.join()
 
 
-def going_round(call, arrays):
+def cycle_calls(call, arrays):
     """A function that calls with rows of the arrays, one state after the other, round and round."""
     states = cycle(list(zip(*(list(values[:STATES]) for values in arrays), strict=True)))
     return lambda: call(*next(states))
@@ -249,10 +253,10 @@ def main():
     parser.add_argument("--batch", type=int, default=10_000)
     parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
     options = parser.parse_args()
-    versions = ", ".join(map(installed, ("numpy", "llvmlite", "pin", "mujoco")))
-    print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}")
+    versions = ", ".join(map(installed_version, ("numpy", "llvmlite", "pin", "mujoco")))
+    print(f"{processor_name()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}")
     print(f"Pinocchio: proximal method with mu {PROXIMAL:g}, accuracy {ACCURACY:g}")
-    print(f"MuJoCo: {SETTINGS if HAS_MUJOCO else 'missing, pip install mujoco: no row is beside it'}")
+    print(f"MuJoCo: {MUJOCO_SETTINGS if HAS_MUJOCO else 'missing, pip install mujoco: no row is beside it'}")
     for name in options.robots:
         case = Case(name, options.batch)
         motors, loops = len(case.independent), len(case.robot.loops)
@@ -262,9 +266,9 @@ def main():
         print(f"{'':<80} {'ours':>12} {'the other':>12} {'ratio':>8}")
         for model in ("inverse", "direct"):
             for what, *row in case.rows(model):
-                show(f"  {model}: {what}", *row, options.rounds, width=80)
+                print_row(f"  {model}: {what}", *row, options.rounds, width=80)
         for what, *row in case.closure_rows():
-            show(f"  {what}", *row, options.rounds, width=80)
+            print_row(f"  {what}", *row, options.rounds, width=80)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
 from peers.navaro import navaro_frame
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.elastodynamics.frequencies import natural_frequencies
-from robot_dynamics.frequency_map import frequency_map
-from robot_dynamics.platform import pose_of
+from robot_dynamics.flexible.eigenmodes import natural_frequencies
+from robot_dynamics.flexible.frequency_map import frequency_map
+from robot_dynamics.parallel.platform_dynamics import pose_from_coordinates
 
 POSE = (0.05, 0.03, 0.2)
 POSES = 500
@@ -73,8 +73,8 @@ def opensees(pose):
 def main():
     dynamics = Dynamics(load_robot("navaro"))
     elastodynamics = dynamics.elastodynamics
-    pose = pose_of(np.array([POSE[0], POSE[1], 0, POSE[2], 0, 0]))
-    q = dynamics.platform.joints(pose)
+    pose = pose_from_coordinates(np.array([POSE[0], POSE[1], 0, POSE[2], 0, 0]))
+    q = dynamics.platform.joint_positions(pose)
     recursion = median(lambda: elastodynamics.matrices(q), 20)
     start = time.perf_counter()
     elastodynamics.compile()
@@ -84,7 +84,7 @@ def main():
     rng = np.random.default_rng(0)
     x = np.zeros((POSES, 6))
     x[:, [0, 1, 3]] = rng.uniform(-1, 1, (POSES, 3)) * (0.08, 0.08, 0.4)
-    many = dynamics.platform.joints(pose_of(x))
+    many = dynamics.platform.joint_positions(pose_from_coordinates(x))
     start = time.perf_counter()
     elastodynamics.frequencies(many)
     each = (time.perf_counter() - start) / POSES
@@ -112,7 +112,7 @@ def main():
     axes = {name: np.linspace(-0.08, 0.08, GRID) for name in ("x", "y")}
     found = frequency_map(dynamics, axes, threads=2)
     seconds = time.perf_counter() - start
-    print(f"{seconds:9.1f} s   map of {GRID} x {GRID} poses on two cores, {found.reached.mean():.0%} reached")
+    print(f"{seconds:9.1f} s   map of {GRID} x {GRID} poses on two cores, {found.reachable.mean():.0%} reached")
 
 
 if __name__ == "__main__":

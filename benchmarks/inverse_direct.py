@@ -35,7 +35,7 @@ def seconds(work, repetitions, clock=time.perf_counter):
     return (clock() - started) / repetitions
 
 
-def side_by_side(ours, theirs, rounds, clock=time.perf_counter):
+def time_both(ours, theirs, rounds, clock=time.perf_counter):
     """(our median [s], their median [s], median of the ratios of each round)."""
     ours(), theirs()
     # about 50 ms a turn, so that the clock and a short interruption do not count
@@ -86,7 +86,7 @@ def cases(urdf, batch, seed=0):
         )
 
 
-def processor():
+def processor_name():
     """The name of the processor as Linux tells it."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
@@ -98,12 +98,12 @@ def main():
     parser.add_argument("--batch", type=int, default=10_000)
     options = parser.parse_args()
     versions = ", ".join(f"{package} {version(package)}" for package in ("numpy", "pin"))
-    print(f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}")
+    print(f"{processor_name()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}")
     print("robot_dynamics: the NumPy recursions, without a compiled model; Pinocchio: called from Python, one thread\n")
     print(f"{'':<40} {'robot_dynamics':>16} {'Pinocchio':>12} {'ratio':>8}")
     for robot, urdf in ROBOTS.items():
         for what, ours, theirs, samples in cases(urdf(), options.batch):
-            mine, peers, ratio = side_by_side(ours, theirs, options.rounds)
+            mine, peers, ratio = time_both(ours, theirs, options.rounds)
             per = [f"{t / samples * 1e6:.2f} µs" for t in (mine, peers)]
             print(f"{robot + ': ' + what:<40} {per[0]:>16} {per[1]:>12} {ratio:>8.1f}")
 

@@ -22,9 +22,11 @@ from robot_dynamics.model.inertia import skew
 from robot_dynamics.newton_euler.kinematics import link_placements
 
 IMPEDANCE = mujoco.mjMAXIMP
-SETTINGS = f"solver Newton, tolerance 1e-10, solimp {IMPEDANCE}, solref as it comes, dense Jacobian, no warm start"
+MUJOCO_SETTINGS = (
+    f"solver Newton, tolerance 1e-10, solimp {IMPEDANCE}, solref as it comes, dense Jacobian, no warm start"
+)
 PADDED = 1e-12  # part of the moments of a body
-NO_MASS = 1e-9  # [kg] of a link of which only the moment about its axis is told
+MINIMAL_MASS = 1e-9  # [kg] of a link of which only the moment about its axis is told
 
 
 class MujocoLoops:
@@ -36,15 +38,15 @@ class MujocoLoops:
 
     def __init__(self, robot, q):
         self.robot, self.cut = robot, cut_links(robot)
-        self.kept = [number for number in range(len(robot.joints)) if number + 1 not in self.cut]
+        self.kept_joints = [number for number in range(len(robot.joints)) if number + 1 not in self.cut]
         self.model = mujoco.MjModel.from_xml_string(self._mjcf(q))
         self.data = mujoco.MjData(self.model)
-        self.places = [self.model.joint(robot.joints[number].name).dofadr[0] for number in self.kept]
+        self.dof_indices = [self.model.joint(robot.joints[number].name).dofadr[0] for number in self.kept_joints]
 
-    def vector(self, values):
+    def to_mujoco_order(self, values):
         """Values (..., all joints) of the joints that MuJoCo has, in its order."""
         found = np.empty((*np.shape(values)[:-1], self.model.nv))
-        found[..., self.places] = np.asarray(values)[..., self.kept]
+        found[..., self.dof_indices] = np.asarray(values)[..., self.kept_joints]
         return found
 
     def direct(self, q, qd, efforts):
@@ -79,7 +81,7 @@ class MujocoLoops:
         told = ElementTree.SubElement(root, "option", option)
         ElementTree.SubElement(told, "flag", contact="disable", warmstart="disable")
         self._bodies = {0: ElementTree.SubElement(root, "worldbody")}
-        for number in self.kept:
+        for number in self.kept_joints:
             self._add_body(number)
         equalities = ElementTree.SubElement(root, "equality")
         for loop in self.robot.loops:
@@ -114,14 +116,14 @@ class MujocoLoops:
     def _passes_on(self, link):
         """Whether a link has no inertia, and carries one other link and no end of a loop."""
         inertia = self.robot.links[link].inertia
-        onward = [number for number in self.kept if self.robot.joints[number].antecedent == link]
+        onward = [number for number in self.kept_joints if self.robot.joints[number].antecedent == link]
         ends = [end.link for loop in self.robot.loops for end in loop.ends]
         return not inertia.mass and not inertia.second_moments.any() and len(onward) == 1 and link not in ends
 
     def _close(self, loop, q, equalities):
         cut = next((link for link, other in self.cut.items() if other is loop), None)
         if cut is None:
-            self._connect(loop.name, loop.ends, equalities, "connect" if loop.ball else "weld")
+            self._connect(loop.name, loop.ends, equalities, "connect" if loop.is_spherical else "weld")
             return
         joint = self.robot.joints[cut - 1]
         assert not joint.prismatic, f"{joint.name} slides"
@@ -141,7 +143,7 @@ class MujocoLoops:
 
     def _is_planar(self, loop, q):
         """Whether all joints of a loop turn about parallel axes."""
-        ways = [set(self.robot.way(end.link)) for end in loop.ends]
+        ways = [set(self.robot.path_to_base(end.link)) for end in loop.ends]
         placed = link_placements(self.robot, q)
         axes = np.array([placed[number + 1][0][:, 2] for number in ways[0] ^ ways[1]])
         turns = not any(self.robot.joints[number].prismatic for number in ways[0] ^ ways[1])
@@ -160,7 +162,7 @@ def _pose(placement):
 def _inertial(inertia):
     if inertia.is_moment_about_z:
         about_z = inertia.second_moments[2, 2]  # nothing else counts; two halves beside it are a body that can be
-        mass, centre, central = NO_MASS, np.zeros(3), np.diag([0.5, 0.5, 1]) * about_z
+        mass, centre, central = MINIMAL_MASS, np.zeros(3), np.diag([0.5, 0.5, 1]) * about_z
     else:
         mass = inertia.mass
         centre = inertia.first_moments / mass

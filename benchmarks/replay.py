@@ -14,14 +14,14 @@ import numpy as np
 import pinocchio as pin
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.model.library import shipped_robots
-from robot_dynamics.replay.alignment import CHUNK, Stretch
-from robot_dynamics.replay.checking import check
-from robot_dynamics.replay.drives import direct_drives
-from robot_dynamics.replay.golden import GoldenWriter
-from robot_dynamics.replay.motions import Motion
-from robot_dynamics.replay.recordings import Recording, open_recording
-from robot_dynamics.replay.tolerances import load_tolerances
+from robot_dynamics.checking.check import check
+from robot_dynamics.checking.golden_bags import GoldenWriter
+from robot_dynamics.checking.tolerances import load_tolerances
+from robot_dynamics.model.loading import shipped_robots
+from robot_dynamics.recordings.alignment import MESSAGES_PER_CHUNK, SignalSegment
+from robot_dynamics.recordings.drives import direct_drives
+from robot_dynamics.recordings.joint_motions import Motion
+from robot_dynamics.recordings.recording import Recording, open_recording
 
 SAMPLES, RATE, LOOPED, WRITTEN = 1_000_000, 1000.0, 20_000, 50_000
 
@@ -31,11 +31,11 @@ class InMemory(Recording):
 
     name, notes, expected = "a million samples", (), None
 
-    def stretches(self, tally=None, rate=None, watch=None):
+    def signal_segments(self, statistics=None, rate=None, progress=None):
         rng = np.random.default_rng(0)
-        position, velocity, effort = np.cumsum(rng.normal(size=(3, CHUNK, 7)), axis=1) / 1000
-        for number in range(self.source // CHUNK):
-            yield Stretch(number * CHUNK / RATE, RATE, position, velocity, effort, number > 0)
+        position, velocity, effort = np.cumsum(rng.normal(size=(3, MESSAGES_PER_CHUNK, 7)), axis=1) / 1000
+        for number in range(self.source // MESSAGES_PER_CHUNK):
+            yield SignalSegment(number * MESSAGES_PER_CHUNK / RATE, RATE, position, velocity, effort, number > 0)
 
 
 def largest_memory():
@@ -52,7 +52,7 @@ def seconds(work):
 def main():
     dynamics, tolerances = Dynamics(load_robot("panda")), load_tolerances()
     drives = direct_drives(dynamics.joint_names)
-    check(InMemory(CHUNK, (), drives), dynamics, tolerances)  # what is compiled is compiled
+    check(InMemory(MESSAGES_PER_CHUNK, (), drives), dynamics, tolerances)  # what is compiled is compiled
     model = pin.buildModelFromXML(shipped_robots()["panda"].read_text())
     data, states = model.createData(), np.random.default_rng(0).normal(size=(3, LOOPED, 7))
 
@@ -80,7 +80,7 @@ def main():
         with GoldenWriter(folder / "bag", dynamics.joint_names) as writer:
             writer.add(motion, zero, 1_600_000_000_000_000_000)
         recording = open_recording(folder / "bag", drives)
-        taken = seconds(lambda: sum(map(len, recording.stretches())))
+        taken = seconds(lambda: sum(map(len, recording.signal_segments())))
         print(f"reading of a bag: {1e6 * taken / WRITTEN:.1f} µs a message")
     finally:
         shutil.rmtree(folder)

@@ -31,9 +31,9 @@ from tabulate import tabulate
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.control.law import Law
-from robot_dynamics.nodes.qualities import SHALLOW, STREAMED
-from robot_dynamics.nodes.running import events_executor, run, running_node, stop
+from robot_dynamics.control.control_law import ControlLaw
+from robot_dynamics.nodes.processes import make_events_executor, run_node, running_node, terminate_process
+from robot_dynamics.nodes.qos import INPUT_STREAM_QOS, LATEST_ONLY_QOS
 
 DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)  # what is lost is not lost here
 TURN = 1.0  # [s]
@@ -48,35 +48,35 @@ class Relay(Node):
     def __init__(self):
         super().__init__("relay")
         self._message = Float64MultiArray(data=array("d", bytes(56)))
-        self._publisher = self.create_publisher(Float64MultiArray, "~/commands", SHALLOW)
-        self._subscription = self.create_subscription(JointState, "joint_states", self._answer, STREAMED)
+        self._publisher = self.create_publisher(Float64MultiArray, "~/commands", LATEST_ONLY_QOS)
+        self._subscription = self.create_subscription(JointState, "joint_states", self._answer, INPUT_STREAM_QOS)
 
     def _answer(self, message):
         self._message.data = message.position
         self._publisher.publish(self._message)
 
 
-class Asked:
+class NodeUnderTest:
     """One of the two nodes: where its states go, and which answer is expected of each."""
 
     def __init__(self, node, target, names, answers):
         namespace = target.rpartition("/")[0]
-        self.publisher = node.create_publisher(JointState, f"{namespace}/joint_states", SHALLOW)
+        self.publisher = node.create_publisher(JointState, f"{namespace}/joint_states", LATEST_ONLY_QOS)
         self.message = JointState(name=names)
-        self._numbers = {key(answer): number for number, answer in enumerate(answers)}
+        self._numbers = {message_key(answer): number for number, answer in enumerate(answers)}
         self.answered = {}
         node.create_subscription(Float64MultiArray, f"{target}/commands", self._take, DEEP)
 
     def _take(self, message):
         now = time.perf_counter_ns()
-        self.answered.setdefault(self._numbers.get(key(message.data)), now)
+        self.answered.setdefault(self._numbers.get(message_key(message.data)), now)
 
 
-def key(numbers):
+def message_key(numbers):
     return tuple(round(number, 6) for number in numbers[:3])
 
 
-def turn(asked, executor, rate, q, qd):
+def measure_turn(asked, executor, rate, q, qd):
     """(latencies [µs], states that were not answered) of a turn."""
     asked.answered.clear()
     period, count = 1e9 / rate, int(TURN * rate)
@@ -100,7 +100,7 @@ def states(count, dynamics):
     """Positions, velocities, and the efforts that computed_torque sends for them while its reference is HOME."""
     rng = np.random.default_rng(0)
     q, qd = HOME + rng.uniform(-0.05, 0.05, (count, 7)), rng.uniform(-0.05, 0.05, (count, 7))
-    law, reference, efforts = Law(dynamics, dynamics.joint_names), np.zeros((3, 7)), np.zeros((count, 7))
+    law, reference, efforts = ControlLaw(dynamics, dynamics.joint_names), np.zeros((3, 7)), np.zeros((count, 7))
     reference[0] = HOME
     limits = np.array([joint.limits.effort for joint in dynamics.robot.joints])
     for k in range(count):
@@ -109,7 +109,7 @@ def states(count, dynamics):
     return [array("d", row) for row in q], [array("d", row) for row in qd], np.clip(efforts, -limits, limits)
 
 
-def hold(node, executor, target, asked, q, qd):
+def hold_reference(node, executor, target, asked, q, qd):
     """Have computed_torque follow a reference that stands at HOME, and wait until it does."""
     publisher = node.create_publisher(JointTrajectory, f"{target}/reference", 1)
     message = JointTrajectory(joint_names=asked.message.name)
@@ -133,7 +133,7 @@ def measure(told):
     dynamics = Dynamics(load_robot("panda"))
     q, qd, efforts = states(int(max(*told.rates, 2000) * TURN), dynamics)
     rclpy.init(args=[])
-    node, executor = Node("asker"), events_executor()
+    node, executor = Node("asker"), make_events_executor()
     executor.add_node(node)
     settings = {"robot_file": "panda", "kp": [KP], "kd": [KD], "ramp_time": 0.0, "state_timeout": 1e6, "deadline": 1e3}
     names = list(dynamics.joint_names)
@@ -141,8 +141,8 @@ def measure(told):
 
         def start(name, namespace, environment=None):
             stack.enter_context(running_node("computed_torque", settings, namespace, environment))
-            asked[name] = Asked(node, f"{namespace}/computed_torque", names, efforts)
-            hold(node, executor, f"{namespace}/computed_torque", asked[name], q, qd)
+            asked[name] = NodeUnderTest(node, f"{namespace}/computed_torque", names, efforts)
+            hold_reference(node, executor, f"{namespace}/computed_torque", asked[name], q, qd)
 
         asked = {}
         if told.transports:
@@ -150,24 +150,24 @@ def measure(told):
             start("UDP", "/model")
         else:
             stack.enter_context(relay())
-            asked["relay"] = Asked(node, "/bare/relay", names, q)
+            asked["relay"] = NodeUnderTest(node, "/bare/relay", names, q)
             start("computed_torque", "/model")
         gc.disable()  # pauses of the one that asks are none of the nodes'
         plans = [(rate, told.seconds) for rate in told.rates] + ([(2000.0, told.long)] if told.long else [])
-        rows = [row for plan in plans for row in compared(asked, executor, *plan, q, qd)]
+        rows = [row for plan in plans for row in compare_nodes(asked, executor, *plan, q, qd)]
     print(tabulate(rows, ["rate [1/s]", "seconds", "node", "p50 [us]", "p99 [us]", "max [us]", "lost", "of"],
                    floatfmt=".0f", tablefmt="github"))  # fmt: skip
     executor.shutdown()
     rclpy.shutdown()
 
 
-def compared(asked, executor, rate, seconds, q, qd):
+def compare_nodes(asked, executor, rate, seconds, q, qd):
     """Rows of the table for a rate."""
     turned, lost = {name: [] for name in asked}, dict.fromkeys(asked, 0)
     turns = max(1, round(seconds / TURN))
     for _ in range(turns):
         for name, one in asked.items():
-            latencies, missing = turn(one, executor, rate, q, qd)
+            latencies, missing = measure_turn(one, executor, rate, q, qd)
             turned[name].append(latencies)
             lost[name] += missing
     took = {name: np.concatenate(latencies) for name, latencies in turned.items()}
@@ -192,7 +192,7 @@ def relay():
     try:
         yield
     finally:
-        stop(process)
+        terminate_process(process)
 
 
 def main():
@@ -204,7 +204,7 @@ def main():
     parser.add_argument("--relay", action="store_true", help=argparse.SUPPRESS)  # the other process
     told, others = parser.parse_known_args()
     if told.relay:
-        return run(Relay, others, events_executor, udp_only=True)
+        return run_node(Relay, others, make_events_executor, udp_only=True)
     return measure(told)
 
 

@@ -2,18 +2,18 @@
 
 from robot_dynamics.errors import (
     DescriptionError,
+    InvalidInputError,
     MissingPackageError,
-    QuestionError,
     RecordingError,
     RobotDynamicsError,
     SingularModelError,
 )
 
 try:
-    from robot_dynamics.dynamics import Answer, Base, Dynamics, Equilibrium
+    from robot_dynamics.dynamics import Base, Dynamics, DynamicsResult, Equilibrium
     from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.joint import Spring
-    from robot_dynamics.model.library import load_robot, shipped_robots
+    from robot_dynamics.model.loading import load_robot, shipped_robots
     from robot_dynamics.model.robot import Robot
 except ModuleNotFoundError as error:
     # A required package is missing. Whatever is used of this one says so; its commands can, in a line of their own.
@@ -22,20 +22,20 @@ except ModuleNotFoundError as error:
     def __getattr__(name):
         if name not in __all__:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from robot_dynamics.optional import missing_package
+        from robot_dynamics.optional_packages import missing_package_error
 
-        raise missing_package(_missing, __name__) from None
+        raise missing_package_error(_missing, __name__) from None
 
 
 __all__ = [
-    "Answer",
     "Base",
     "DescriptionError",
     "Dynamics",
+    "DynamicsResult",
     "Equilibrium",
     "Inertia",
+    "InvalidInputError",
     "MissingPackageError",
-    "QuestionError",
     "RecordingError",
     "Robot",
     "RobotDynamicsError",

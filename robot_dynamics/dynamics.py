@@ -12,31 +12,38 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from robot_dynamics.answer import BASE_ROWS, Answer, Equilibrium, JointMotion, filled, refuse_unbalanced
-from robot_dynamics.configuration import Configurations
-from robot_dynamics.errors import QuestionError, SingularModelError, unknown_name
-from robot_dynamics.flexible_arm import FlexibleArm
-from robot_dynamics.model.placement import inverse
+from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
+from robot_dynamics.codegen.program_calls import evaluate_model
+from robot_dynamics.constraints.attitude_charts import virtual_links
+from robot_dynamics.constraints.charted_regressor import independent_regressor
+from robot_dynamics.constraints.closure_solver import ClosureSolver
+from robot_dynamics.constraints.mixed_dynamics import RobotState, compute_link_wrenches, solve_mixed_dynamics
+from robot_dynamics.constraints.topology import projection_matrix
+from robot_dynamics.errors import InvalidInputError, SingularModelError, describe_unknown_name
+from robot_dynamics.flexible.elastodynamics import Elastodynamics
+from robot_dynamics.flexible.flexible_arm import FlexibleArm
+from robot_dynamics.inputs import Base, base_state, common_batch_shape, link_wrenches, require_finite
+from robot_dynamics.model.placement import invert_placement
 from robot_dynamics.model.robot import Robot
-from robot_dynamics.motion import State, moved, with_loops_closed
-from robot_dynamics.natural_frequencies import Elastodynamics
-from robot_dynamics.newton_euler.attitude import virtual_links
-from robot_dynamics.newton_euler.charted_regressor import independent_regressor
-from robot_dynamics.newton_euler.coupling import projection
-from robot_dynamics.newton_euler.elastic import spring_force
-from robot_dynamics.newton_euler.equilibrium import balance
+from robot_dynamics.newton_euler.equilibrium import find_equilibrium
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
-from robot_dynamics.newton_euler.kinematics import link_placements, sweep_forward
+from robot_dynamics.newton_euler.joint_springs import spring_force
+from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
-from robot_dynamics.platform import PlatformDynamics, Platforms
-from robot_dynamics.question import Base, base_state, common_batch, finite, link_wrenches
-from robot_dynamics.symbolic.compiled_models import MODELS, CompiledModels, models_of
-from robot_dynamics.symbolic.questions import answered
+from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms
+from robot_dynamics.results import (
+    BASE_ROWS,
+    DynamicsResult,
+    Equilibrium,
+    JointMotion,
+    broadcast_result,
+    refuse_unbalanced,
+)
 
-__all__ = ["BASE_ROWS", "Answer", "Base", "Dynamics", "Equilibrium"]
+__all__ = ["BASE_ROWS", "Base", "Dynamics", "DynamicsResult", "Equilibrium"]
 
 
 class Dynamics:
@@ -66,28 +73,28 @@ class Dynamics:
 
     def __init__(self, robot, *, compiled=True):
         if not isinstance(robot, Robot):
-            raise QuestionError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
+            raise InvalidInputError(f"Dynamics takes a Robot, as load_robot gives it, not {robot!r:.60}")
         self.robot = robot
         self._programs = CompiledModels(robot)
-        self._configurations = Configurations(robot, self._programs if compiled else None)
+        self._closure_solver = ClosureSolver(robot, self._programs if compiled else None)
         self._base_rows = 6 if robot.moving_base else 0
         # how each frame j stands in the link frame that the description gives
-        placements = [inverse(robot.frame(link.name).placement) for link in robot.links]
+        placements = [invert_placement(robot.frame(link.name).placement) for link in robot.links]
         self._in_link_frame = [(placed[:3, :3], placed[:3, 3]) for placed in placements]
         self.all_joint_names = tuple(joint.name for joint in robot.joints)
-        self.joint_names = tuple(self.all_joint_names[number] for number in self._configurations.independent)
-        self.looped_joint_names = tuple(self.all_joint_names[number] for number in self._configurations.dependent)
-        driven = [robot.joints[number].actuated for number in self._configurations.independent]
+        self.joint_names = tuple(self.all_joint_names[number] for number in self._closure_solver.independent)
+        self.dependent_joint_names = tuple(self.all_joint_names[number] for number in self._closure_solver.dependent)
+        driven = [robot.joints[number].actuated for number in self._closure_solver.independent]
         self._undriven = [place for place, has_motor in enumerate(driven) if not has_motor]
-        self.undriven_joint_names = tuple(self.joint_names[place] for place in self._undriven)
-        self.compiles = compiled
+        self.unactuated_joint_names = tuple(self.joint_names[place] for place in self._undriven)
+        self.compiled = compiled
 
     def __repr__(self):
         return f"Dynamics({self.robot!r})"
 
     def __reduce__(self):
         """Copied and sent to other processes without its programs: machine code belongs to this one."""
-        return partial(Dynamics, compiled=self.compiles), (self.robot,)
+        return partial(Dynamics, compiled=self.compiled), (self.robot,)
 
     def inverse(self, q, qd, qdd, *, base=None, external_wrenches=None):
         """Efforts (..., n) [N m or N] of a motion: bodies, rotors, gravity, friction and springs, less the external
@@ -115,40 +122,40 @@ class Dynamics:
     def solve(self, q, qd, *, qdd=None, efforts=None, base=None, external_wrenches=None):
         """The whole Answer for accelerations qdd or for efforts, whichever is given; see `inverse` and `direct`."""
         if (qdd is None) == (efforts is None):
-            raise QuestionError("give accelerations or efforts, one of the two: the other is the answer")
+            raise InvalidInputError("give accelerations or efforts, one of the two: the other is the answer")
         given = self._driven("efforts", efforts) if qdd is None else self._driven("accelerations", qdd)
         state = self._state(q, qd, base, external_wrenches, given)
         with np.errstate(all="ignore"):  # what is not finite is refused below
             lost = friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
-            gathered = state.configuration.gathered
+            gathered = state.constrained_state.projected
             if qdd is None:
                 every, nothing = range(len(self.joint_names)), np.zeros(len(self.joint_names))
-                qdd, forces, *caused = moved(state, every, nothing, given - gathered(lost))
+                qdd, forces, *caused = solve_mixed_dynamics(state, every, nothing, given - gathered(lost))
                 efforts = given
             else:
-                qdd, forces, *caused = moved(state, self._undriven, given, -gathered(lost))
+                qdd, forces, *caused = solve_mixed_dynamics(state, self._undriven, given, -gathered(lost))
                 efforts = gathered(forces + lost)
                 efforts[..., self._undriven] = 0  # what is left is rounding
             base_acceleration, wrenches = caused
-            everyone = state.everyone(qdd)
+            everyone = state.expand_accelerations(qdd)
             if self.robot.loops:
-                wrenches = with_loops_closed(state, everyone, base_acceleration, forces + lost)
+                wrenches = compute_link_wrenches(state, everyone, base_acceleration, forces + lost)
             reactions = self._in_link_frames(wrenches)
             base_acceleration = state.base.true_acceleration(base_acceleration)
-        return Answer(
-            filled(qdd, state.batch),
-            filled(efforts, state.batch),
-            JointMotion(*state.motion(everyone)),
-            filled(base_acceleration, state.batch) if self.robot.moving_base else None,
-            filled(reactions, state.batch, axes=2),
+        return DynamicsResult(
+            broadcast_result(qdd, state.batch),
+            broadcast_result(efforts, state.batch),
+            JointMotion(*state.joint_motion(everyone)),
+            broadcast_result(base_acceleration, state.batch) if self.robot.moving_base else None,
+            broadcast_result(reactions, state.batch, axes=2),
         )
 
-    def compile(self, model, *, wrenches=(), told=False, independent=None):
+    def compile(self, model, *, wrenches=(), prescribed_base=False, independent=None):
         """The compiled program of a model, made now if it is not there: the fastest that can be called from Python.
 
         model: inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, or of a robot with loops
         closure and state_derivative; what each takes and gives,
-        `robot_dynamics.symbolic.models` tells. wrenches: names of the links that external wrenches act on, and told:
+        `robot_dynamics.codegen.trace.models` tells. wrenches: names of the links that external wrenches act on, and told:
         whether the acceleration of a moving base is given, for inverse and direct. independent: numbers of the joints
         that move independently, where they are to be others than joint_names, for inertia_matrix, closure
         and state_derivative.
@@ -161,15 +168,15 @@ class Dynamics:
         where the model has no answer in any state.
         """
         if not (self.joint_names or self.robot.moving_base):
-            raise QuestionError(f"{self.robot.name!r} has no joints: there is nothing to compile")
+            raise InvalidInputError(f"{self.robot.name!r} has no joints: there is nothing to compile")
         if model not in MODELS:
-            raise QuestionError(unknown_name("model", model, MODELS))
-        if model not in models_of(self.robot):
-            raise QuestionError(f"{self.robot.name!r} has no loops that could be closed")
+            raise InvalidInputError(describe_unknown_name("model", model, MODELS))
+        if model not in available_models(self.robot):
+            raise InvalidInputError(f"{self.robot.name!r} has no loops that could be closed")
         for name in wrenches:
             self.robot.frame(name)
         independent = None if independent is None else tuple(independent)
-        return self._programs.get(model, tuple(wrenches), bool(told), independent=independent)
+        return self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=independent)
 
     def inertia_matrix(self, q):
         """A (..., n, n) [kg m², kg m or kg], rotors counted; with a moving base (..., 6 + n, 6 + n), the base first.
@@ -180,11 +187,11 @@ class Dynamics:
         return self._computed("inertia_matrix", {"q": q}, None, lambda: self._inertia_matrix(q))
 
     def _inertia_matrix(self, q):
-        configuration = self._configurations.at(q)
-        P = projection(configuration.G, self._base_rows)
+        configuration = self._closure_solver.state_at(q)
+        P = projection_matrix(configuration.G, self._base_rows)
         with np.errstate(all="ignore"):
-            A = inertia_matrix(configuration.robot, configuration.local)
-            return filled(np.swapaxes(P, -1, -2) @ A @ P, q.shape[:-1], axes=2)
+            A = inertia_matrix(configuration.robot, configuration.chart_q)
+            return broadcast_result(np.swapaxes(P, -1, -2) @ A @ P, q.shape[:-1], axes=2)
 
     def gravity(self, q, *, base=None):
         """g(q) alone (..., n): the efforts that hold the robot at rest; with a moving base (..., 6 + n)."""
@@ -192,7 +199,7 @@ class Dynamics:
 
         def recursion():
             state = self._state(q, np.zeros(len(self.joint_names)), base)
-            return self._bias(state, base, np.zeros(6), state.base.at_rest)
+            return self._bias(state, base, np.zeros(6), state.base.rest_acceleration)
 
         return self._computed("gravity", {"q": q}, {"base": base}, recursion)
 
@@ -218,13 +225,15 @@ class Dynamics:
         """
         q, qdd = self._positions(q), self._joints("accelerations", qdd)
         if self.robot.moving_base and (base is None or base.acceleration is None):
-            raise QuestionError("the regressor takes a base that moves as told: give its acceleration in Base")
+            raise InvalidInputError("the regressor takes a base that moves as told: give its acceleration in Base")
 
         def recursion():
             state = self._state(q, qd, base, given=qdd)
-            moving, at = (state.base.twist, state.base.acceleration), state.configuration
+            moving, at = (state.base.twist, state.base.acceleration), state.constrained_state
             with np.errstate(all="ignore"):
-                return filled(independent_regressor(at, state.qd, state.everyone(qdd), *moving), state.batch, axes=2)
+                return broadcast_result(
+                    independent_regressor(at, state.qd, state.expand_accelerations(qdd), *moving), state.batch, axes=2
+                )
 
         given = {"q": q, "qd": self._joints("velocities", qd), "qdd": qdd}
         return self._computed("regressor", given, {"base": base}, recursion)
@@ -242,9 +251,9 @@ class Dynamics:
     def _computed(self, model, given, question, recursion):
         """`answered`, where there is a program that could answer."""
         question = question or {}
-        if not (self.compiles and self.joint_names and isinstance(question.get("external_wrenches"), Mapping | None)):
+        if not (self.compiled and self.joint_names and isinstance(question.get("external_wrenches"), Mapping | None)):
             return recursion()
-        return answered(self._programs, self.robot, model, given, question, recursion)
+        return evaluate_model(self._programs, self.robot, model, given, question, recursion)
 
     def friction(self, qd, q=None):
         """Viscous and Coulomb friction alone (..., n) [N m or N], of passive joints too; none at rest.
@@ -253,15 +262,15 @@ class Dynamics:
         """
         qd, configuration = self._joints("velocities", qd), self._somewhere(q)
         with np.errstate(all="ignore"):
-            found = configuration.gathered(friction(self.robot, configuration.rates(qd)))
-        return filled(found, common_batch(qd, None if q is None else configuration.q))
+            found = configuration.projected(friction(self.robot, configuration.expand_rates(qd)))
+        return broadcast_result(found, common_batch_shape(qd, None if q is None else configuration.q))
 
     def elasticity(self, q, qd):
         """What springs and dampers at the joints demand, alone (..., n): k (q - q₀) + damping · q̇ [N m or N]."""
-        qd, configuration = self._joints("velocities", qd), self._configurations.at(q)
+        qd, configuration = self._joints("velocities", qd), self._closure_solver.state_at(q)
         with np.errstate(all="ignore"):
-            found = configuration.gathered(spring_force(self.robot, configuration.q, configuration.rates(qd)))
-        return filled(found, common_batch(configuration.q, qd))
+            found = configuration.projected(spring_force(self.robot, configuration.q, configuration.expand_rates(qd)))
+        return broadcast_result(found, common_batch_shape(configuration.q, qd))
 
     def equilibrium(self, q, *, base=None, external_wrenches=None):
         """The Equilibrium in which the joints without motor come to rest, the others held where q (..., n) has them.
@@ -273,30 +282,30 @@ class Dynamics:
         """
         state = self._state(q, np.zeros(len(self.joint_names)), base, external_wrenches)
         if np.any(state.base.twist):
-            raise QuestionError("an equilibrium is at rest: leave the twist out of Base")
-        acceleration = state.base.at_rest if state.base.acceleration is None else state.base.acceleration
+            raise InvalidInputError("an equilibrium is at rest: leave the twist out of Base")
+        acceleration = state.base.rest_acceleration if state.base.acceleration is None else state.base.acceleration
         stable = np.True_
         with np.errstate(all="ignore"):
             if len(self._undriven):
-                q = state.q[..., self._configurations.independent]
-                found = balance(
-                    self.robot, self._beside, state.configuration, q, self._undriven, acceleration, state.wrenches
+                q = state.q[..., self._closure_solver.independent]
+                found = find_equilibrium(
+                    self.robot, self._beside, state.constrained_state, q, self._undriven, acceleration, state.wrenches
                 )
-                refuse_unbalanced(found, self.undriven_joint_names)
-                state, stable = replace(state, configuration=found.configuration), found.stable
+                refuse_unbalanced(found, self.unactuated_joint_names)
+                state, stable = replace(state, constrained_state=found.constrained_state), found.is_stable
             rest = np.zeros_like(state.q)
-            sweep = sweep_forward(state.robot, state.local, rest, np.zeros(6), state.wrenches)
+            sweep = run_forward_pass(state.robot, state.chart_q, rest, np.zeros(6), state.wrenches)
             forces, wrenches = inverse_dynamics(state.robot, sweep, rest, acceleration)
             forces = forces + spring_force(self.robot, state.q, rest)
-            efforts = state.configuration.gathered(forces)
+            efforts = state.constrained_state.projected(forces)
             efforts[..., self._undriven] = 0
             if self.robot.loops:
-                wrenches = with_loops_closed(state, rest, acceleration, forces)
+                wrenches = compute_link_wrenches(state, rest, acceleration, forces)
         return Equilibrium(
-            filled(state.q[..., self._configurations.independent], state.batch),
-            filled(state.q, state.batch),
-            filled(efforts, state.batch),
-            filled(self._in_link_frames(wrenches), state.batch, axes=2),
+            broadcast_result(state.q[..., self._closure_solver.independent], state.batch),
+            broadcast_result(state.q, state.batch),
+            broadcast_result(efforts, state.batch),
+            broadcast_result(self._in_link_frames(wrenches), state.batch, axes=2),
             np.array(np.broadcast_to(stable, state.batch)),
         )
 
@@ -306,9 +315,9 @@ class Dynamics:
         R, P = link_placements(self.robot, state.q)[frame.link]
         pose = np.zeros((*np.broadcast_shapes(R.shape[:-2], P.shape[:-1]), 4, 4))
         pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = R, P, 1
-        return filled(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
+        return broadcast_result(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
 
-    def expand(self, q, *, previous=None, velocities=None):
+    def expand_positions(self, q, *, previous=None, velocities=None):
         """Positions of all joints, from those of the independent ones; loops are closed.
 
         Positions of dependent joints in q are a seed: the loops close at the positions next to it. The positions of the
@@ -338,9 +347,9 @@ class Dynamics:
         """
         if previous is None:
             if velocities is not None:
-                raise QuestionError("velocities are those at previous positions: give previous too")
-            return self._configurations.closed(q)
-        return self._configurations.continued(q, previous, velocities)
+                raise InvalidInputError("velocities are those at previous positions: give previous too")
+            return self._closure_solver.close_loops(q)
+        return self._closure_solver.continue_branch(q, previous, velocities)
 
     @cached_property
     def platform(self):
@@ -350,15 +359,15 @@ class Dynamics:
         Raises QuestionError for a robot without a platform.
         """
         if not self.robot.platforms:
-            raise QuestionError(f"{self.robot.name!r} has no platform: ask by joints")
-        return PlatformDynamics(self, self.robot.platforms, alone=len(self.robot.platforms) == 1)
+            raise InvalidInputError(f"{self.robot.name!r} has no platform: ask by joints")
+        return PlatformDynamics(self, self.robot.platforms, single=len(self.robot.platforms) == 1)
 
     @cached_property
     def platforms(self):
         """{link: PlatformDynamics} of each platform alone, the rest of the robot being told by its joints. Another
         link raises QuestionError."""
         links, each = self.robot.platform_links, self.robot.platforms
-        return Platforms({link: PlatformDynamics(self, (one,), alone=True)
+        return Platforms({link: PlatformDynamics(self, (one,), single=True)
                           for link, one in zip(links, each, strict=True)})  # fmt: skip
 
     @cached_property
@@ -374,25 +383,25 @@ class Dynamics:
         return FlexibleArm(self)
 
     @property
-    def closed_positions(self):
+    def initial_joint_positions(self):
         """(all joints,) positions that close the loops, from the initial ones of the description."""
-        return self._configurations.known
+        return self._closure_solver.closed_positions
 
-    def follow(self, q):
+    def expand_trajectory(self, q):
         """Positions (N, all joints) of all joints along a trajectory q (N, n): the loops of each sample are closed from
         the sample before it, so that the assembly mode is kept wherever the trajectory leads. Where q has all joints,
         the first sample tells where to begin. What comes out is what the other methods take as q."""
-        return self._configurations.followed(q)
+        return self._closure_solver.close_trajectory(q)
 
-    def expand_rates(self, qd, q=None):
+    def expand_velocities(self, qd, q=None):
         """Velocities (..., all joints) of all joints, from those of the independent ones. q: as for `friction`.
 
         Those of yaw and roll of a platform are nan where pitch is ±90° and the motion has none.
         """
         qd, configuration = self._joints("velocities", qd), self._somewhere(q)
         with np.errstate(all="ignore"):
-            found = configuration.rates(qd)
-        return configuration.joint_velocities(filled(found, found.shape[:-1]))
+            found = configuration.expand_rates(qd)
+        return configuration.joint_velocities(broadcast_result(found, found.shape[:-1]))
 
     def expand_accelerations(self, qdd, q=None, qd=None):
         """Accelerations (..., all joints) of all joints, from those of the independent ones.
@@ -401,55 +410,58 @@ class Dynamics:
         """
         configuration, qdd = self._somewhere(q), self._joints("accelerations", qdd)
         if self.robot.loops and qd is None:
-            raise QuestionError("accelerations of joints in loops depend on velocities: give qd")
+            raise InvalidInputError("accelerations of joints in loops depend on velocities: give qd")
         if not self.robot.loops:
-            return filled(configuration.rates(qdd), qdd.shape[:-1])
+            return broadcast_result(configuration.expand_rates(qdd), qdd.shape[:-1])
         with np.errstate(all="ignore"):
-            rates = configuration.rates(self._joints("velocities", qd))
-            found = configuration.rates(qdd) + configuration.drift(rates)
-        return configuration.joint_accelerations(rates, filled(found, found.shape[:-1]))
+            rates = configuration.expand_rates(self._joints("velocities", qd))
+            found = configuration.expand_rates(qdd) + configuration.drift(rates)
+        return configuration.joint_accelerations(rates, broadcast_result(found, found.shape[:-1]))
 
-    def gather_efforts(self, efforts, q=None):
+    def project_efforts(self, efforts, q=None):
         """What efforts (..., all joints) amount to on the independent joints (..., n). q: as for `friction`."""
         everyone = f"joints ({', '.join(self.all_joint_names)})"
-        efforts, configuration = finite("efforts", efforts, len(self.all_joint_names), everyone), self._somewhere(q)
-        return configuration.gathered(configuration.forces(efforts))
+        efforts, configuration = (
+            require_finite("efforts", efforts, len(self.all_joint_names), everyone),
+            self._somewhere(q),
+        )
+        return configuration.projected(configuration.chart_forces(efforts))
 
-    def spread_efforts(self, efforts):
+    def embed_efforts(self, efforts):
         """Efforts (..., all joints) that amount to `efforts` (..., n): nothing on joints that depend on others."""
         efforts = self._joints("efforts", efforts)
         spread = np.zeros((*efforts.shape[:-1], len(self.all_joint_names)))
-        spread[..., self._configurations.independent] = efforts
+        spread[..., self._closure_solver.independent] = efforts
         return spread
 
-    def configuration(self, q):
+    def constrained_state(self, q):
         """The `newton_euler.configuration.Configuration` at positions as q: how all joints move together there."""
-        return self._configurations.at(q)
+        return self._closure_solver.state_at(q)
 
     def _positions(self, q):
         """What programs take as q, checked: (..., n), or of all joints (..., all joints) where there are loops."""
-        return self._configurations.closed(q) if self.robot.loops else self._joints("positions", q)
+        return self._closure_solver.close_loops(q) if self.robot.loops else self._joints("positions", q)
 
     def _somewhere(self, q):
         """The Configuration at q, or at any, where it makes no difference."""
         if q is None and self.robot.loops:
-            raise QuestionError(f"{self.robot.name!r} has loops: this depends on positions, give q")
-        return self._configurations.at(np.zeros(len(self.joint_names)) if q is None else q)
+            raise InvalidInputError(f"{self.robot.name!r} has loops: this depends on positions, give q")
+        return self._closure_solver.state_at(np.zeros(len(self.joint_names)) if q is None else q)
 
     def _beside(self, q, everyone):
         """The Configuration at positions q (..., n), near positions (..., all joints)."""
         near = np.array(np.broadcast_to(everyone, (*q.shape[:-1], everyone.shape[-1])))
-        near[..., self._configurations.independent] = q
+        near[..., self._closure_solver.independent] = q
         try:
-            return self._configurations.at(near if self.robot.loops else q, numbered=False)
+            return self._closure_solver.state_at(near if self.robot.loops else q, name_sample=False)
         except SingularModelError as error:
             raise SingularModelError(
                 f"no equilibrium was found: the joints without motor move to where {error}"
             ) from None
 
-    def _joints(self, what, values, left_open=()):
+    def _joints(self, what, values, ignored_columns=()):
         everyone = f"joints ({', '.join(self.joint_names)})"
-        return finite(what, values, len(self.joint_names), everyone, left_open)
+        return require_finite(what, values, len(self.joint_names), everyone, ignored_columns)
 
     def _driven(self, what, values):
         """Accelerations or efforts that are given: of joints without motor neither can be."""
@@ -460,18 +472,20 @@ class Dynamics:
 
     def _state(self, q, qd, base, external_wrenches=None, given=None):
         base, wrenches = base_state(self.robot, base), link_wrenches(self.robot, external_wrenches)
-        in_charts = not virtual_links(self.robot) & {*wrenches}
-        configuration, qd = self._configurations.at(q, in_charts=in_charts), self._joints("velocities", qd)
+        use_charts = not virtual_links(self.robot) & {*wrenches}
+        configuration, qd = self._closure_solver.state_at(q, use_charts=use_charts), self._joints("velocities", qd)
         told = (configuration.q, qd, given, base.gravity, base.twist, base.acceleration, *wrenches.values())
-        batch = common_batch(*told)
-        return State(configuration, configuration.rates(qd), base, wrenches, batch, self.joint_names)
+        batch = common_batch_shape(*told)
+        return RobotState(configuration, configuration.expand_rates(qd), base, wrenches, batch, self.joint_names)
 
     def _bias(self, state, base, twist, acceleration):
         if base is not None and base.acceleration is not None:
-            raise QuestionError("the acceleration of the base has no part in this term: leave it out of Base")
+            raise InvalidInputError("the acceleration of the base has no part in this term: leave it out of Base")
         with np.errstate(all="ignore"):
-            H = bias(state.robot, state.local, state.qd, twist, acceleration, drift=state.drift)
-            return filled(apply_transposed(projection(state.configuration.G, self._base_rows), H), state.batch)
+            H = bias(state.robot, state.chart_q, state.qd, twist, acceleration, drift=state.drift)
+            return broadcast_result(
+                apply_transposed(projection_matrix(state.constrained_state.G, self._base_rows), H), state.batch
+            )
 
     def _in_link_frames(self, wrenches):
         """Wrenches (..., 1 + joints, 6) in frames j, expressed in the link frames that the description gives."""

@@ -2,7 +2,7 @@
 
 from difflib import get_close_matches
 
-INTERRUPTED = 130  # exit status of what a user ended with Ctrl-C, as shells have it
+INTERRUPTED_EXIT_STATUS = 130  # exit status of what a user ended with Ctrl-C, as shells have it
 
 
 class RobotDynamicsError(Exception):
@@ -13,7 +13,7 @@ class DescriptionError(RobotDynamicsError):
     """A description of a robot cannot be read, or says something impossible."""
 
 
-class QuestionError(RobotDynamicsError):
+class InvalidInputError(RobotDynamicsError):
     """A question does not fit the robot: wrong names, shapes or values."""
 
 
@@ -37,7 +37,7 @@ class SimulationError(RobotDynamicsError):
     """A simulation cannot go on: its numbers grew beyond all bounds."""
 
 
-def unknown_name(kind, name, known):
+def describe_unknown_name(kind, name, known):
     """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
     name, known = str(name)[:100], list(known)
     close = get_close_matches(name, known, n=3, cutoff=0.75)

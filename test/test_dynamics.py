@@ -8,8 +8,8 @@ from peers.random_robots import random_states, random_urdf
 from peers.real_robots import real_urdf
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics import Base, Dynamics, Inertia, QuestionError, SingularModelError
-from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics import Base, Dynamics, Inertia, InvalidInputError, SingularModelError
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 ROBOTS = {"panda": False, "ur5": False, "tiago": False, "talos": True, "anymal_c": True, "borinot": True}
 
@@ -323,9 +323,9 @@ Q = np.zeros(8)
         (lambda d: Dynamics("panda"), "takes a Robot, as load_robot gives it, not 'panda'"),
         (lambda d: d.link_pose("nowhere", Q), "unknown link 'nowhere'"),
         (lambda d: d.link_pose("panda_hand", Q, base=Base()), "is fixed"),
-        (lambda d: d.expand(Q[:5]), "positions has shape"),
-        (lambda d: d.spread_efforts(Q[:5]), "efforts has shape"),
-        (lambda d: d.gather_efforts(Q), r"efforts has shape \(8,\): \(\.\.\., 9\)"),
+        (lambda d: d.expand_positions(Q[:5]), "positions has shape"),
+        (lambda d: d.embed_efforts(Q[:5]), "efforts has shape"),
+        (lambda d: d.project_efforts(Q), r"efforts has shape \(8,\): \(\.\.\., 9\)"),
         (lambda d: d.inverse([10**400, *Q[1:]], Q, Q), "positions: an array of numbers"),
         (lambda d: d.inverse(Q + 1j, Q, Q), "positions: an array of numbers"),
         (lambda d: d.inverse(["1"] * 8, Q, Q), "positions: an array of numbers"),
@@ -337,7 +337,7 @@ Q = np.zeros(8)
     ],
 )
 def test_question_that_does_not_fit_is_refused_with_a_reason(panda, ask, reason):
-    with pytest.raises(QuestionError, match=reason):
+    with pytest.raises(InvalidInputError, match=reason):
         ask(panda)
 
 
@@ -345,7 +345,7 @@ def test_acceleration_of_the_base_has_no_part_in_the_terms():
     dynamics = tree(1, moving_base=True)
     zero = np.zeros(len(dynamics.joint_names))
     for term in (lambda base: dynamics.gravity(zero, base=base), lambda base: dynamics.coriolis(zero, zero, base=base)):
-        with pytest.raises(QuestionError, match="has no part in this term"):
+        with pytest.raises(InvalidInputError, match="has no part in this term"):
             term(Base(acceleration=np.zeros(6)))
 
 
@@ -366,5 +366,5 @@ def test_acceleration_of_the_base_has_no_part_in_the_terms():
 def test_state_of_the_base_that_does_not_fit_is_refused(base, reason):
     dynamics = tree(1, moving_base=True)
     zero = np.zeros(len(dynamics.joint_names))
-    with pytest.raises(QuestionError, match=reason):
+    with pytest.raises(InvalidInputError, match=reason):
         dynamics.inverse(zero, zero, zero, base=base)

@@ -13,7 +13,7 @@ from peers.random_robots import random_states, random_urdf
 from peers.real_robots import REAL_ROBOTS, real_urdf
 
 from robot_dynamics import Base, Dynamics
-from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 STATES = 20
 TOLERANCE = 1e-9

@@ -37,7 +37,7 @@ def test_what_is_named_exists(path):
     for words in nodes:
         executable = ast.literal_eval(words["executable"])
         assert executable in EXECUTABLES
-        assert (ROOT / "robot_dynamics" / "nodes" / f"{executable}.py").is_file()
+        assert (ROOT / "robot_dynamics" / "nodes" / executable / "__main__.py").is_file()
     for _, (parts,) in calls(path, "PathJoinSubstitution"):
         package, *names = parts.elts
         assert ast.literal_eval(package.args[0]) == "robot_dynamics"
@@ -62,7 +62,8 @@ SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot
 
 @pytest.mark.parametrize("name", [*SHIPPED, "simulated_time", "machine_time"])
 def test_parameter_files_hold_what_the_nodes_take(name):
-    from robot_dynamics.nodes import control_parameters, simulator_parameters
+    from robot_dynamics.nodes.computed_torque import parameters as control_parameters
+    from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
 
     takes = {"mobile_base_simulator": simulator_parameters, "computed_torque": control_parameters}
     for node, section in yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()).items():
@@ -72,8 +73,8 @@ def test_parameter_files_hold_what_the_nodes_take(name):
             if parameter == "robot_file":
                 assert value in shipped_robots()
             elif parameter != "use_sim_time":
-                module.checked(parameter, value)
-    simulator_parameters.simulated({key: simulator_parameters.checked(key, default)
+                module.validate_parameter(parameter, value)
+    simulator_parameters.build_simulation({key: simulator_parameters.validate_parameter(key, default)
                                     for key, (default, _) in simulator_parameters.PARAMETERS.items()},
                                    load_robot("ur5e"))  # fmt: skip
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_dynamics.optional import SOURCES
+from robot_dynamics.optional_packages import INSTALL_SOURCES
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -39,7 +39,7 @@ def imported():
     """{top-level package that is imported: a file that does} of the library outside of nodes/, in functions too."""
     found = {}
     for path in (ROOT / "robot_dynamics").rglob("*.py"):
-        if path.parent.name == "nodes":
+        if "nodes" in path.parts:
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             modules = []
@@ -58,8 +58,8 @@ def test_every_package_that_is_imported_is_declared(declared):
     assert {"lark", "scipy", "rosbags", "distributed", "llvmlite"} <= set(imported())
     required, extra = declared.install_requires, [name for more in declared.extras_require.values() for name in more]
     for package, file in imported().items():
-        assert package in SOURCES, f"{file} imports {package}, of which nothing says how it is installed"
-        by_pip = SOURCES[package][0].partition("[")[0]
+        assert package in INSTALL_SOURCES, f"{file} imports {package}, of which nothing says how it is installed"
+        by_pip = INSTALL_SOURCES[package][0].partition("[")[0]
         assert by_pip in names(required) | names(extra), f"{file} imports {package}, which setup.py does not declare"
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.control.blend import Blend
-from robot_dynamics.control.law import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
-from robot_dynamics.control.reference import Point, Trajectory, check_points
+from robot_dynamics.control.bumpless_transfer import BumplessTransfer
+from robot_dynamics.control.control_law import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
+from robot_dynamics.control.reference import ReferencePoint, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
-from robot_dynamics.errors import QuestionError, RobotDynamicsError
+from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 
 
 @dataclass(frozen=True)
@@ -48,40 +48,40 @@ class Controller:
     def __init__(self, law, settings):
         self.law = law
         self.watchdog = Watchdog(settings.state_timeout, settings.deadline, settings.deadline_misses)
-        self._blend = Blend(len(law.joints), settings.ramp_time, settings.limits)
+        self._blend = BumplessTransfer(len(law.joints), settings.ramp_time, settings.limits)
         self.reference = np.zeros((3, len(law.joints)))
         self._target, self._zero = np.zeros((2, len(law.joints)))
         self._followed, self._dropped, self._taken_at = None, "no reference yet", -math.inf
         self._regime = None
-        self.fault, self.doing, self.settings = "", "", settings
+        self.fault, self.activity, self.settings = "", "", settings
 
     def apply(self, settings):
         """Take other settings; efforts go over to what they want without a jump."""
         if settings.mode != self.settings.mode:
-            self.watchdog.release()
+            self.watchdog.clear_latch()
         self.settings = settings
         self.watchdog.timeout, self.watchdog.deadline = settings.state_timeout, settings.deadline
-        self.watchdog.most_misses = settings.deadline_misses
+        self.watchdog.max_misses = settings.deadline_misses
         self._blend.duration, self._blend.limits = settings.ramp_time, np.array(settings.limits, dtype=float)
         self._regime = None
 
-    def exchange(self, law):
+    def replace_law(self, law):
         """Go on with a Law of the same joints: another payload, or another description."""
-        law.go_on(self.law)
+        law.continue_from(self.law)
         self.law, self._regime = law, None
 
     def restart(self):
         """As if it had just been made: nothing heard, no reference, no efforts."""
-        self.watchdog.release()
+        self.watchdog.clear_latch()
         self.watchdog.restart()
-        self._blend.sent[:] = 0.0
+        self._blend.last_efforts[:] = 0.0
         self._followed, self._dropped, self._regime = None, "no reference yet", None
-        self.fault, self.doing = "", ""
+        self.fault, self.activity = "", ""
 
     @property
-    def sent(self):
+    def last_efforts(self):
         """The efforts that were sent last (joints,)."""
-        return self._blend.sent
+        return self._blend.last_efforts
 
     @property
     def saturated(self):
@@ -89,11 +89,11 @@ class Controller:
         return self._blend.saturated
 
     @property
-    def without_reference(self):
+    def no_reference_reason(self):
         """Why there is no reference, empty where there is one."""
         return "" if self._followed is not None else self._dropped
 
-    def follow(self, now, start, times, points):
+    def follow_trajectory(self, now, start, times, points):
         """Take a trajectory: times (N,) [s] of its points after `start`, points: (3, N, joints), nan where not told.
 
         Where it begins later than now, it is reached from the reference that there is, else from where the robot is. No
@@ -107,7 +107,7 @@ class Controller:
         self.law.check_within_limits(points[0])
         times = np.asarray(times, dtype=float) + start
         if times[-1] < now:
-            raise QuestionError(
+            raise InvalidInputError(
                 f"the trajectory ended {now - times[-1]:.3f} s ago: header.stamp is when it starts, zero for now"
             )
         if times[0] > now:
@@ -120,27 +120,27 @@ class Controller:
         here, law = np.zeros((3, len(self.law.joints))), self.law
         if self._followed is not None and self.watchdog.faulted_since is None:
             self._followed.sample(now, here)
-        elif self.watchdog.heard is None:
-            raise QuestionError(
+        elif self.watchdog.last_state_time is None:
+            raise InvalidInputError(
                 "there is no state yet, from which to go to the first point. A trajectory whose first point has "
                 "time_from_start 0 needs none"
             )
         else:
-            here[:2] = law.links()
+            here[:2] = law.link_motion()
         return np.where(np.isnan(first), np.nan, here)
 
-    def track(self, now, time, told):
+    def track_point(self, now, time, told):
         """Take one point of a stream: told (3, joints) at a time. Raises QuestionError where it is too old, or beyond
         the limits of joints."""
         lasts = self.settings.reference_timeout
         if now - time > lasts:
-            raise QuestionError(f"the point is {now - time:.3f} s old, and a point counts for {lasts:g} s")
+            raise InvalidInputError(f"the point is {now - time:.3f} s old, and a point counts for {lasts:g} s")
         self.law.check_within_limits(told[:1])
-        self._take(now, Point(time, told, lasts))
+        self._take(now, ReferencePoint(time, told, lasts))
 
     def _take(self, now, reference):
         self._followed, self._taken_at = reference, now
-        self.watchdog.release()
+        self.watchdog.clear_latch()
 
     @np.errstate(all="ignore")  # what is not finite is a fault
     def step(self, now, time=None, published=None):
@@ -148,36 +148,36 @@ class Controller:
         law, time = self.law, now if time is None else time
         # a sum is finite where all its numbers are, and one number is quicker to look at than many
         if not math.isfinite(law.q.dot(law.q) + law.qd.dot(law.qd)):
-            return self.refuse(now, _not_finite(law))
-        self.watchdog.look(now)
-        self.watchdog.accept(now if published is None else published)
+            return self.reject_state(now, _not_finite(law))
+        self.watchdog.check_clock(now)
+        self.watchdog.accept_state(now if published is None else published)
         return self._efforts(now, time)
 
-    def refuse(self, now, reason):
+    def reject_state(self, now, reason):
         """A state came that cannot be used: efforts on the way to zero."""
-        self.watchdog.look(now)
-        self.watchdog.refuse(reason)
+        self.watchdog.check_clock(now)
+        self.watchdog.reject_state(reason)
         return self._efforts(now, now)
 
-    def overdue(self, now):
+    def handle_overdue_efforts(self, now):
         """The efforts of the last call could not be sent in time: efforts on the way to zero in their place."""
-        self.watchdog.look(now)
+        self.watchdog.check_clock(now)
         if not self.watchdog.fault(now):
-            self.watchdog.refuse("efforts were ready later than state_timeout after their state")
+            self.watchdog.reject_state("efforts were ready later than state_timeout after their state")
         return self._efforts(now, now)
 
     def halt(self, reason):
         """Efforts of zero at once, and from then on until a good state: time stands still, and no ramp would end, or
         what is sent on a ramp comes too late."""
-        self.watchdog.refuse(reason)
+        self.watchdog.reject_state(reason)
         self.fault = reason
         self._enter("fault")
         self._blend.stop()
-        return self.sent
+        return self.last_efforts
 
     def tick(self, now):
         """Efforts to send where no good state did it lately, else None."""
-        self.watchdog.look(now)
+        self.watchdog.check_clock(now)
         self.fault = self.watchdog.fault(now)
         return self._to_zero(now) if self.fault else None
 
@@ -186,16 +186,16 @@ class Controller:
         if self.fault:
             return self._to_zero(now)
         try:
-            doing = self._wanted(time)
+            activity = self._wanted(time)
         except RobotDynamicsError as error:  # loops that do not close
             return self._failed(now, str(error))
         if not math.isfinite(self._target.dot(self._target)):
             return self._failed(now, "the model gives efforts that are not finite in this state")
-        self._enter(doing)
-        return self._blend.send(now, self._target)
+        self._enter(activity)
+        return self._blend.update(now, self._target)
 
     def _failed(self, now, reason):
-        self.watchdog.refuse(reason)
+        self.watchdog.reject_state(reason)
         self.fault = self.watchdog.fault(now)
         return self._to_zero(now)
 
@@ -206,12 +206,12 @@ class Controller:
             since = self._taken_at
         if self._followed is not None and now - since > self.settings.ramp_time:
             self._followed, self._dropped = None, f"it was dropped as efforts went to zero: {self.fault}"
-        return self._blend.send(now, self._zero)
+        return self._blend.update(now, self._zero)
 
-    def _enter(self, doing, since=None):
-        if doing != self._regime:
-            self._blend.begin(since)
-            self._regime = self.doing = doing
+    def _enter(self, activity, since=None):
+        if activity != self._regime:
+            self._blend.start_transition(since)
+            self._regime = self.activity = activity
 
     def _wanted(self, time):
         """Write the efforts that the law wants into _target; returns what is being done."""
@@ -221,12 +221,12 @@ class Controller:
             law.gravity_compensation(out)
             return mode
         followed = self._followed
-        if isinstance(followed, Point) and time > followed.end:
+        if isinstance(followed, ReferencePoint) and time > followed.end:
             lasts = settings.reference_timeout
             self._followed, self._dropped = None, f"no point of the stream for more than {lasts * 1e3:g} ms"
         if self._followed is None:
             return self._unled(out)
-        law.refer(followed, time, self.reference)
+        law.sample_reference(followed, time, self.reference)
         if mode == COMPUTED_TORQUE:
             law.computed_torque(self.reference, settings.kp, settings.kd, out, settings.friction_velocity)
         elif mode == FEEDFORWARD:

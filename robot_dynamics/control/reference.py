@@ -8,10 +8,10 @@ from bisect import bisect_right
 
 import numpy as np
 
-from robot_dynamics.errors import QuestionError
+from robot_dynamics.errors import InvalidInputError
 
 ORDERS = (1, 2, 3)  # how many of position, velocity, acceleration both ends of a segment tell: linear, cubic, quintic
-AT_REST = 1e-6  # velocity [rad/s or m/s] at the end of a trajectory that counts as rest
+REST_VELOCITY = 1e-6  # velocity [rad/s or m/s] at the end of a trajectory that counts as rest
 
 
 class Trajectory:
@@ -67,15 +67,15 @@ class Trajectory:
         np.dot(self._matrix, self._coefficients[segment], out=out)
 
 
-class Point:
+class ReferencePoint:
     """One point of a stream: until the next one the joints go on from it with its velocity and acceleration.
 
     time: of the point [s]; told: (3, n) positions, velocities, accelerations, zero where it does not tell them;
     lasts: for how long it may be followed [s].
     """
 
-    def __init__(self, time, told, lasts):
-        self.start, self._told, self.end = time, np.array(told, dtype=float), time + lasts
+    def __init__(self, time, told, lifetime):
+        self.start, self._told, self.end = time, np.array(told, dtype=float), time + lifetime
 
     def sample(self, time, out):
         """Write positions, velocities, accelerations at a time into out (3, n)."""
@@ -89,18 +89,18 @@ class Point:
 def check_points(times, positions, velocities):
     """Refuse what is no trajectory, naming the point: arguments of Trajectory. Raises QuestionError."""
     if len(times) == 0:
-        raise QuestionError("the trajectory has no points: one at least is needed")
+        raise InvalidInputError("the trajectory has no points: one at least is needed")
     if not np.isfinite(times).all() or not np.isfinite(positions).all():
         point = int(np.argmin(np.isfinite(times) & np.isfinite(positions).all(axis=1)))
-        raise QuestionError(f"points[{point}]: finite times and positions are needed")
+        raise InvalidInputError(f"points[{point}]: finite times and positions are needed")
     late = np.flatnonzero(np.diff(times) <= 0)
     if len(late):
-        raise QuestionError(
+        raise InvalidInputError(
             f"points[{late[0] + 1}].time_from_start is not after that of the point before it: times must increase"
         )
-    moving = np.flatnonzero(np.abs(np.nan_to_num(velocities[-1])) > AT_REST)
+    moving = np.flatnonzero(np.abs(np.nan_to_num(velocities[-1])) > REST_VELOCITY)
     if len(moving):
-        raise QuestionError(
+        raise InvalidInputError(
             f"points[{len(times) - 1}].velocities[{moving[0]}] is {velocities[-1, moving[0]]:g}: a trajectory ends at "
             "rest. What has no end goes as single points to reference_point"
         )

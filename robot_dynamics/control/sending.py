@@ -32,7 +32,7 @@ def send_in_time(
         return
     timeout = controller.settings.state_timeout
     until = clock() + timeout
-    if send(controller.overdue(now()), None, until):
+    if send(controller.handle_overdue_efforts(now()), None, until):
         return
     zeros = controller.halt(f"it takes longer than state_timeout, {timeout * 1e3:g} ms, to send efforts")
     send(zeros, None, math.inf)

@@ -9,10 +9,10 @@ class Watchdog:
     called first of all at each time at which something comes, and more often than every `timeout`.
     """
 
-    def __init__(self, timeout, deadline, most_misses):
-        self.timeout, self.deadline, self.most_misses = timeout, deadline, most_misses
+    def __init__(self, timeout, deadline, max_misses):
+        self.timeout, self.deadline, self.max_misses = timeout, deadline, max_misses
         self._latched = self._blocked = ""
-        self.standstills = 0  # how often nothing was looked at for longer than timeout
+        self.stall_count = 0  # how often nothing was looked at for longer than timeout
         self.restart()
 
     def restart(self):
@@ -23,7 +23,7 @@ class Watchdog:
         self.faulted_since = None
 
     @property
-    def heard(self):
+    def last_state_time(self):
         """The time of the last good state [s], None if there was none."""
         return self._heard
 
@@ -32,7 +32,7 @@ class Watchdog:
         """Why the last state cannot be used, empty where it can."""
         return self._refused
 
-    def release(self):
+    def clear_latch(self):
         """What was latched is known, and ends."""
         self._latched = ""
 
@@ -40,19 +40,19 @@ class Watchdog:
         """A fault that neither good input nor `release` ends, only `block` with an empty reason."""
         self._blocked = reason
 
-    def accept(self, published):
+    def accept_state(self, published):
         """A good state came, which was published at a time [s]."""
         self._heard, self._refused = published, ""
 
-    def refuse(self, reason):
+    def reject_state(self, reason):
         """A state came that cannot be used."""
         self._refused = reason
 
-    def answered(self, latency):
+    def record_latency(self, latency):
         """A state was answered so long [s] after it had come."""
         self._misses = self._misses + 1 if latency > self.deadline else 0
 
-    def look(self, now):
+    def check_clock(self, now):
         """It is `now` [s]. A clock that jumped back is a fault, and so is a time in which nothing was looked at: the
         process stood still, and what it sent before was in force all the while. That one ends with the next look."""
         before, self._now = self._now, now
@@ -68,7 +68,7 @@ class Watchdog:
             self._refused = "no joint_states since the clock jumped back"
             self.faulted_since = None
         elif now - before > self.timeout:
-            self.standstills += 1
+            self.stall_count += 1
             if self.faulted_since is None:  # else there is a reason already
                 self._stood_still = f"this node stood still, or its clock jumped ahead, by {now - before:.3f} s"
                 self.faulted_since = self._stale_since(now)
@@ -92,6 +92,6 @@ class Watchdog:
             return present
         if now - self._heard > self.timeout:
             return f"no joint_states for more than {self.timeout * 1e3:g} ms"
-        if self._misses >= self.most_misses:
-            return f"the last {self.most_misses} states were answered later than {self.deadline * 1e3:g} ms"
+        if self._misses >= self.max_misses:
+            return f"the last {self.max_misses} states were answered later than {self.deadline * 1e3:g} ms"
         return ""

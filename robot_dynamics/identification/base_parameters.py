@@ -13,15 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.identification.motions import loop_motions, random_motions
-from robot_dynamics.newton_euler.coupling import projection
+from robot_dynamics.codegen.trace.parameter_grouping import select_independent_columns
+from robot_dynamics.constraints.topology import projection_matrix
+from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
+from robot_dynamics.inputs import base_state
 from robot_dynamics.newton_euler.regressor import regressor
-from robot_dynamics.question import base_state
-from robot_dynamics.symbolic.base_parameters import independent_columns
 
 MOTIONS_PER_PARAMETER = 3
-LEAST_MOTIONS = 60
-SMALLEST_COEFFICIENT = 1e-9
+MIN_MOTIONS = 60
+MIN_COEFFICIENT = 1e-9
 ROUNDING = 1e-11  # a column this much shorter than the longest one has no effect
 
 
@@ -35,35 +35,35 @@ class BaseParameters:
     """
 
     names: tuple
-    kept: list
+    independent: list
     dependent: list
     K: np.ndarray
     gap: tuple
 
     def values(self, parameters):
         """The base parameters (..., b) of parameters (..., p)."""
-        return parameters[..., self.kept] + parameters[..., self.dependent] @ self.K.T
+        return parameters[..., self.independent] + parameters[..., self.dependent] @ self.K.T
 
     def regressor(self, Y):
         """The columns (..., b) of a regressor (..., p) that go with `values`."""
-        return Y[..., self.kept]
+        return Y[..., self.independent]
 
     @property
     def expressions(self):
         """Each base parameter as a sum, such as `ZZ.link_2 + 0.5 M.link_3`."""
-        return tuple(self._expression(row, name) for row, name in enumerate(self.names[k] for k in self.kept))
+        return tuple(self._expression(row, name) for row, name in enumerate(self.names[k] for k in self.independent))
 
     def _expression(self, row, name):
         told = [name]
         for column, number in enumerate(self.dependent):
             factor = self.K[row, column]
-            if abs(factor) > SMALLEST_COEFFICIENT:
-                size = "" if abs(abs(factor) - 1) < SMALLEST_COEFFICIENT else f"{abs(factor):.6g} "
+            if abs(factor) > MIN_COEFFICIENT:
+                size = "" if abs(abs(factor) - 1) < MIN_COEFFICIENT else f"{abs(factor):.6g} "
                 told.append(f"{'-' if factor < 0 else '+'} {size}{self.names[number]}")
         return " ".join(told)
 
 
-def base_parameters(dynamics, seed=0, *, of_joints=False):
+def base_parameters(dynamics, seed=0, *, joint_efforts_only=False):
     """The BaseParameters of the robot of a Dynamics, from its regressor at random motions of its whole range.
 
     of_joints: those that efforts of joints depend on, where the wrench on a moving base is not measured; seed: of the
@@ -71,29 +71,29 @@ def base_parameters(dynamics, seed=0, *, of_joints=False):
     motions are of the whole range that they reach without passing a position at which their mobility changes.
     """
     names = dynamics.parameter_names
-    samples = max(LEAST_MOTIONS, MOTIONS_PER_PARAMETER * len(names) // max(1, len(dynamics.joint_names)))
+    samples = max(MIN_MOTIONS, MOTIONS_PER_PARAMETER * len(names) // max(1, len(dynamics.joint_names)))
     rows = _rows_with_loops if dynamics.robot.loops else _rows
     Y = rows(dynamics, samples, seed)
-    Y = Y[:, -len(dynamics.joint_names) :] if of_joints else Y
+    Y = Y[:, -len(dynamics.joint_names) :] if joint_efforts_only else Y
     Y = Y.reshape(-1, len(names))
     lengths = np.linalg.norm(Y, axis=0)
     seen = lengths > ROUNDING * lengths.max(initial=0)
     scale = np.where(seen, lengths, 1.0)  # so that parameters of different units compare
-    kept, dependent, K, gap = independent_columns(np.where(seen, Y / scale, 0.0))
-    return BaseParameters(names, kept, dependent, K * scale[dependent] / scale[kept][:, None], gap)
+    independent, dependent, K, gap = select_independent_columns(np.where(seen, Y / scale, 0.0))
+    return BaseParameters(names, independent, dependent, K * scale[dependent] / scale[independent][:, None], gap)
 
 
 def _rows(dynamics, samples, seed):
     """Y (samples, n, p) of random motions, the rows of a moving base first."""
-    motions = random_motions(dynamics, samples, seed)
+    motions = sample_random_motions(dynamics, samples, seed)
     return dynamics.regressor(motions.q, motions.qd, motions.qdd, base=motions.base)
 
 
 def _rows_with_loops(dynamics, samples, seed):
     """As `_rows`, for efforts along independent motions in the place of independent joints: as many as these are, but
     regular at dead points of motors too."""
-    robot, motions = dynamics.robot, loop_motions(dynamics.robot, samples, seed)
+    robot, motions = dynamics.robot, sample_loop_motions(dynamics.robot, samples, seed)
     base = base_state(robot, motions.base)
     Y = regressor(robot, motions.q, motions.qd, motions.qdd, base.twist, base.acceleration)
-    P = projection(motions.directions, 6 if robot.moving_base else 0)
+    P = projection_matrix(motions.directions, 6 if robot.moving_base else 0)
     return np.swapaxes(P, -1, -2) @ Y

@@ -13,8 +13,8 @@ from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_placement
 from robot_dynamics.model.placement import placement
 
-COINCIDE = 1e-9  # [m] within which two points of a link are one
-MOST_ELEMENTS = 1000  # of a beam
+COINCIDENCE_TOLERANCE = 1e-9  # [m] within which two points of a link are one
+MAX_ELEMENTS = 1000  # of a beam
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Beam:
     [m]; elements: into how many of equal length it is cut; rotary_inertia: whether its sections resist being turned by
     bending (Rayleigh's beam) or not (that of Euler and Bernoulli)."""
 
-    start: np.ndarray
+    placement: np.ndarray
     length: float
     section: Section
     material: Material
@@ -79,11 +79,11 @@ class Beam:
     rotary_inertia: bool = True
 
     def __post_init__(self):
-        check_placement("a beam", self.start)
+        check_placement("a beam", self.placement)
         if not (np.isfinite(self.length) and self.length > 0):
             raise DescriptionError(f"a beam is {self.length:g} m long: its ends must be apart")
-        if not 1 <= self.elements <= MOST_ELEMENTS or self.elements != int(self.elements):
-            raise DescriptionError(f"a beam has {self.elements:g} elements: 1 to {MOST_ELEMENTS} are right")
+        if not 1 <= self.elements <= MAX_ELEMENTS or self.elements != int(self.elements):
+            raise DescriptionError(f"a beam has {self.elements:g} elements: 1 to {MAX_ELEMENTS} are right")
 
     @classmethod
     def between(cls, start, end, section, material, y=None, **options):
@@ -116,7 +116,7 @@ class Beam:
 
     def point(self, share):
         """(3,) the point at a share of its length, in the frame of the link."""
-        return self.start[:3, 3] + share * self.length * self.start[:3, 0]
+        return self.placement[:3, 3] + share * self.length * self.placement[:3, 0]
 
     @property
     def inertia(self):
@@ -126,24 +126,24 @@ class Beam:
         bending = float(self.rotary_inertia) * np.array([section.second_moment_y, section.second_moment_z])
         central = np.array([section.polar_moment, *bending])
         central = density * self.length * central + mass * self.length**2 / 12 * np.array([0, 1, 1])
-        centre = self.start @ placement(translation=[self.length / 2, 0, 0])
+        centre = self.placement @ placement(translation=[self.length / 2, 0, 0])
         return Inertia.about_centre_of_mass(mass, np.diag(central), centre)
 
-    def seen_from(self, matrix):
+    def transformed_by(self, matrix):
         """The same beam in the frame in which `matrix` (4, 4) places that of its link."""
-        return replace(self, start=matrix @ self.start)
+        return replace(self, placement=matrix @ self.placement)
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class RigidBody:
     """A rigid body on a link that bends: point: (3,) where it is fastened, in the frame of the link [m]; inertia: about
     the origin of that frame."""
 
     point: np.ndarray
     inertia: Inertia
 
-    def seen_from(self, matrix):
-        return Body(matrix[:3, :3] @ self.point + matrix[:3, 3], self.inertia.seen_from(matrix))
+    def transformed_by(self, matrix):
+        return RigidBody(matrix[:3, :3] @ self.point + matrix[:3, 3], self.inertia.transformed_by(matrix))
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,13 +152,17 @@ class Flexibility:
     anywhere; bodies: what they carry. Raises DescriptionError where a beam begins elsewhere."""
 
     beams: tuple[Beam, ...]
-    bodies: tuple[Body, ...] = ()
+    bodies: tuple[RigidBody, ...] = ()
 
     def __post_init__(self):
         for number, beam in enumerate(self.beams):
-            start = beam.start[:3, 3]
+            start = beam.placement[:3, 3]
             before = self.beams[:number]
-            reached = number == 0 or not np.any(np.abs(start) > COINCIDE) or any(on_beam(b, start) for b in before)
+            reached = (
+                number == 0
+                or not np.any(np.abs(start) > COINCIDENCE_TOLERANCE)
+                or any(locate_on_beam(b, start) for b in before)
+            )
             if not reached:
                 raise DescriptionError(
                     f"beam {number + 1} begins at {start.tolist()}, where nothing is: it begins at the origin of the "
@@ -170,17 +174,22 @@ class Flexibility:
         """The Inertia of the link while it is straight."""
         return sum((part.inertia for part in (*self.beams, *self.bodies)), Inertia())
 
-    def seen_from(self, matrix):
+    def transformed_by(self, matrix):
         """The same in the frame in which `matrix` (4, 4) places that of the link."""
-        return Flexibility(*(tuple(part.seen_from(matrix) for part in parts) for parts in (self.beams, self.bodies)))
+        return Flexibility(
+            *(tuple(part.transformed_by(matrix) for part in parts) for parts in (self.beams, self.bodies))
+        )
 
     def with_body(self, body):
         return replace(self, bodies=(*self.bodies, body))
 
 
-def on_beam(beam, point):
+def locate_on_beam(beam, point):
     """The share of a Beam's length at which a point (3,) of the link's frame lies on it; None if it does not."""
-    along, *across = beam.start[:3, :3].T @ (point - beam.start[:3, 3])
-    if np.hypot(*across) > COINCIDE or not -COINCIDE <= along <= beam.length + COINCIDE:
+    along, *across = beam.placement[:3, :3].T @ (point - beam.placement[:3, 3])
+    if (
+        np.hypot(*across) > COINCIDENCE_TOLERANCE
+        or not -COINCIDENCE_TOLERANCE <= along <= beam.length + COINCIDENCE_TOLERANCE
+    ):
         return None
     return float(np.clip(along / beam.length, 0.0, 1.0))

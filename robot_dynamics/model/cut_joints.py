@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def cut_joints(robot, fits=lambda number: True):
+def cut_joints(robot, is_allowed=lambda number: True):
     """{number of a loop: number of the joint at which it is cut}, both in the order of the robot.
 
     Such a joint has the name of its loop, no motor and no leader. It ends a branch: the link that it moves has no
@@ -15,13 +15,13 @@ def cut_joints(robot, fits=lambda number: True):
     ends = [end.link for loop in robot.loops for end in loop.ends]
     found, last = {}, len(robot.joints)
     for number, loop in reversed(list(enumerate(robot.loops))):
-        if loop.ball or last == 0 or loop.moved.link != last:
+        if loop.is_spherical or last == 0 or loop.moved.link != last:
             continue
         joint = robot.joints[last - 1]
         alone = joint.mimic is None and not joint.actuated and joint.rotor_inertia == 0
         ends_there = last not in carriers and ends.count(last) == 1 and not np.any(robot.links[last].inertia.spatial)
         at_frame = np.array_equal(loop.moved.placement, np.eye(4))
-        if joint.name == loop.name and alone and ends_there and at_frame and fits(last - 1):
+        if joint.name == loop.name and alone and ends_there and at_frame and is_allowed(last - 1):
             last -= 1
             found[number] = last
     return dict(reversed(found.items()))

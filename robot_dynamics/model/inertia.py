@@ -8,7 +8,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 
 # descriptions print few digits: a flat plate of which each moment is rounded may miss the triangle inequality by this
-ROUNDED = 1e-3
+TRIANGLE_TOLERANCE = 1e-3
 
 
 def skew(vector):
@@ -20,10 +20,10 @@ def skew(vector):
 
 
 # where the entries of a symmetric matrix stand, in the order in which they are always told
-MOMENTS = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 
 
-def symmetric(xx, xy, xz, yy, yz, zz):
+def symmetric_matrix(xx, xy, xz, yy, yz, zz):
     """Symmetric matrices (..., 3, 3) of their entries (...)."""
     entries = np.broadcast_arrays(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     return np.stack(entries, axis=-1).reshape(*entries[0].shape, 3, 3)
@@ -31,7 +31,7 @@ def symmetric(xx, xy, xz, yy, yz, zz):
 
 def symmetric_entries(matrix):
     """xx, xy, xz, yy, yz, zz of symmetric matrices (..., 3, 3)."""
-    return tuple(matrix[..., row, column] for row, column in MOMENTS.values())
+    return tuple(matrix[..., row, column] for row, column in INERTIA_ENTRIES.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +65,9 @@ class Inertia:
     def about_centre_of_mass(cls, mass, inertia, frame):
         """From the mass [kg] and the inertia (3, 3) [kg m²] about the centre of mass, where `frame` (4, 4) places a
         frame with its origin in the centre of mass and the axes of `inertia`, as URDF does."""
-        return cls(mass, np.zeros(3), inertia).seen_from(frame)
+        return cls(mass, np.zeros(3), inertia).transformed_by(frame)
 
-    def seen_from(self, placement):
+    def transformed_by(self, placement):
         """The same body about the frame i in which `placement`, iTj (4, 4), places the frame j of this inertia."""
         R, P = placement[:3, :3], placement[:3, 3]
         first, second = R @ self.first_moments, R @ self.second_moments @ R.T
@@ -104,7 +104,7 @@ class Inertia:
         others = np.delete(self.spatial.ravel(), -1)
         return bool(self.second_moments[2, 2] > 0 and not np.any(others))
 
-    def objections(self):
+    def find_inconsistencies(self):
         """Why no real body has these parameters: a list of sentences, empty for a body that can exist."""
         if self.mass < 0:
             return [f"mass {self.mass:g} kg is negative"]
@@ -119,6 +119,6 @@ class Inertia:
         moments = f"principal moments about the centre of mass {smallest:.4g}, {middle:.4g}, {largest:.4g} kg m²"
         if smallest < -rounding:
             return [f"inertia is not positive definite: {moments}"]
-        if largest > (smallest + middle) * (1 + ROUNDED) + rounding:
+        if largest > (smallest + middle) * (1 + TRIANGLE_TOLERANCE) + rounding:
             return [f"inertia violates the triangle inequality: {moments}"]
         return []

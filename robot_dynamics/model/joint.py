@@ -7,7 +7,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 
 UNLIMITED = 1e9  # a limit from here on is none [rad, m, rad/s, m/s, N m or N]
-MANY_TURNS = 50.0  # [rad] between limits that look like degrees
+SUSPICIOUS_RANGE = 50.0  # [rad] between limits that look like degrees
 
 
 @dataclass(frozen=True)
@@ -81,11 +81,11 @@ class Joint:
         return "actuated" if self.actuated else "passive" if self.spring is None else "elastic"
 
 
-def doubtful_limits(joint):
+def find_suspicious_limits(joint):
     lower, upper = joint.limits.lower, joint.limits.upper
     if lower > upper:
         return [f"joint {joint.name!r}: its lower limit {lower:g} is above the upper one, {upper:g}"]
-    if not joint.prismatic and MANY_TURNS < upper - lower < 1000:
+    if not joint.prismatic and SUSPICIOUS_RANGE < upper - lower < 1000:
         return [f"joint {joint.name!r}: limits {lower:g} to {upper:g} are many turns. They are in radians, not degrees"]
     return []
 

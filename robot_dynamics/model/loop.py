@@ -9,7 +9,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.joint import check_placement
 
 
-class End(NamedTuple):
+class LoopEnd(NamedTuple):
     """A frame at an end of a cut chain: the number of the link that carries it, and its placement (4, 4) in it."""
 
     link: int
@@ -26,17 +26,17 @@ class Loop:
     """
 
     name: str
-    moved: End
-    closed_on: End
-    ball: bool = False
+    moved: LoopEnd
+    closed_on: LoopEnd
+    is_spherical: bool = False
 
     @property
     def ends(self):
         return self.moved, self.closed_on
 
-    def placed(self, placement_of):
+    def with_placements(self, relocate):
         """The same Loop with the placement of each End as a function of the End tells."""
-        moved, closed_on = (End(end.link, placement_of(end)) for end in self.ends)
+        moved, closed_on = (LoopEnd(end.link, relocate(end)) for end in self.ends)
         return replace(self, moved=moved, closed_on=closed_on)
 
 

@@ -21,7 +21,7 @@ ROUNDING = 2e-15  # angles [rad] and lengths [m] below this are rounding
 NEARLY_PARALLEL = 0.02
 
 
-class Row(NamedTuple):
+class MDHParameters(NamedTuple):
     """One row of an MDH table: angles [rad], lengths [m]. The joint variable is zero; it adds to θ or to r."""
 
     gamma: float = 0.0
@@ -32,7 +32,7 @@ class Row(NamedTuple):
     r: float = 0.0
 
 
-def placement_of(row):
+def placement_from_mdh(row):
     """iTj (4, 4) of a Row."""
     rotation = _about_z(row.gamma) @ _about_x(row.alpha)
     c, s = cosine_sine(row.alpha)
@@ -40,7 +40,7 @@ def placement_of(row):
     return placement(rotation @ _about_z(row.theta), translation)
 
 
-def rows_of(matrix):
+def mdh_from_placement(matrix):
     """The Rows, one or two, whose placements multiply to `matrix`, iTj (4, 4).
 
     Where there is a choice γ is within a right angle of zero, and b is zero.
@@ -51,22 +51,22 @@ def rows_of(matrix):
         return [_parallel(R, P)]
     if sine < NEARLY_PARALLEL and np.abs(P).max() > ROUNDING:
         gamma, d = _folded(P[1], P[0])
-        offset = Row(gamma=gamma, b=clean_length(P[2]), d=d)
-        return [offset, *rows_of(placement(_about_z(-gamma) @ R))]
+        offset = MDHParameters(gamma=gamma, b=clean_length(P[2]), d=d)
+        return [offset, *mdh_from_placement(placement(_about_z(-gamma) @ R))]
     gamma = _angle_in_half_turn(R[0, 2], -R[1, 2])
     toward = _about_z(-gamma) @ R[:, 2]  # (0, -sin α, cos α)
     alpha = clean_angle(math.atan2(-toward[1], toward[2]))
     x, y, z = _about_z(-gamma) @ P
     c, s = cosine_sine(alpha)
     r = clean_length(-y / s)
-    return [Row(gamma, clean_length(z - r * c), alpha, clean_length(x), _theta(R, gamma, alpha), r)]
+    return [MDHParameters(gamma, clean_length(z - r * c), alpha, clean_length(x), _theta(R, gamma, alpha), r)]
 
 
 def _parallel(R, P):
     """The Row of axes that are parallel, or opposite."""
     alpha = 0.0 if R[2, 2] > 0 else math.pi
     gamma, d = _folded(P[1], P[0])
-    return Row(gamma, 0.0, alpha, d, _theta(R, gamma, alpha), clean_length(P[2] if alpha == 0 else -P[2]))
+    return MDHParameters(gamma, 0.0, alpha, d, _theta(R, gamma, alpha), clean_length(P[2] if alpha == 0 else -P[2]))
 
 
 def _theta(R, gamma, alpha):

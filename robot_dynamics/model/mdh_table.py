@@ -3,10 +3,10 @@
 from typing import NamedTuple
 
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.mdh import Row, rows_of
+from robot_dynamics.model.mdh import MDHParameters, mdh_from_placement
 
 
-class TableRow(NamedTuple):
+class MDHTableRow(NamedTuple):
     """One frame of the table.
 
     name: of the frame, the name of its link where a joint moves it; antecedent: name of the frame that it is placed in;
@@ -15,11 +15,11 @@ class TableRow(NamedTuple):
 
     name: str
     antecedent: str
-    row: Row
+    parameters: MDHParameters
     joint: Joint | None
 
 
-def table(robot, joints=None):
+def build_mdh_table(robot, joints=None):
     """The TableRows of a Robot. A joint whose axis is nearly parallel to the one before has a fixed frame before it.
 
     The frames are the robot's own: `minimal_frames(robot)` has those with the fewest parameters. joints: how many of
@@ -29,16 +29,16 @@ def table(robot, joints=None):
     rows = []
     for number, joint in enumerate(robot.joints[:joints], start=1):
         antecedent, name = robot.links[joint.antecedent].name, robot.links[number].name
-        *before, last = rows_of(joint.placement)
+        *before, last = mdh_from_placement(joint.placement)
         for row in before:
-            rows.append(TableRow(free_name(f"{name}_offset", taken), antecedent, row, None))
+            rows.append(MDHTableRow(make_unique_name(f"{name}_offset", taken), antecedent, row, None))
             antecedent = rows[-1].name
             taken.add(antecedent)
-        rows.append(TableRow(name, antecedent, last, joint))
+        rows.append(MDHTableRow(name, antecedent, last, joint))
     return rows
 
 
-def free_name(name, taken):
+def make_unique_name(name, taken):
     """`name`, or where it is taken the first of name_2, name_3, ... that is not."""
     number, found = 1, name
     while found in taken:

@@ -11,9 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.loop import End
-from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, Row, placement_of, rows_of
-from robot_dynamics.model.placement import inverse, placement
+from robot_dynamics.model.loop import LoopEnd
+from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, MDHParameters, mdh_from_placement, placement_from_mdh
+from robot_dynamics.model.placement import invert_placement, placement
 
 
 def minimal_frames(robot):
@@ -27,12 +27,12 @@ def minimal_frames(robot):
     changes = [np.eye(4)]  # how the new frame j stands in the old one; frame 0 stays
     joints, links = [], [robot.links[0]]
     for number, (joint, link) in enumerate(zip(robot.joints, robot.links[1:], strict=True), start=1):
-        placed = inverse(changes[joint.antecedent]) @ joint.placement
+        placed = invert_placement(changes[joint.antecedent]) @ joint.placement
         change = _along_z(*_choice(placed, followers.get(number)))
         changes.append(change)
         joints.append(replace(joint, placement=_tidy(placed @ change)))
-        links.append(link.seen_from(inverse(change)))
-    back = [inverse(change) for change in changes]
+        links.append(link.transformed_by(invert_placement(change)))
+    back = [invert_placement(change) for change in changes]
     frames = [replace(frame, placement=back[frame.link] @ frame.placement) for frame in robot.frames]
     cut = cut_joints(robot)
     loops = [_loop(loop, number in cut, changes, back) for number, loop in enumerate(robot.loops)]
@@ -42,9 +42,11 @@ def minimal_frames(robot):
 def _loop(loop, cut, changes, back):
     """The loop between the new frames. Where a joint is cut frame k is that of its link, and frame k+B goes with it."""
     if not cut:
-        return loop.placed(lambda end: back[end.link] @ end.placement)
+        return loop.with_placements(lambda end: back[end.link] @ end.placement)
     (link, _), (other, closed_on) = loop.ends
-    return replace(loop, moved=End(link, np.eye(4)), closed_on=End(other, back[other] @ closed_on @ changes[link]))
+    return replace(
+        loop, moved=LoopEnd(link, np.eye(4)), closed_on=LoopEnd(other, back[other] @ closed_on @ changes[link])
+    )
 
 
 def _choice(placed, follower):
@@ -52,7 +54,7 @@ def _choice(placed, follower):
 
     placed: iTj with the old frame j; follower: the joint whose axis x_j is to meet, None at the end of a branch.
     """
-    last = rows_of(placed)[-1]
+    last = mdh_from_placement(placed)[-1]
     straight, back = -last.theta, -last.r  # these would make θ_j or r_j zero
     if follower is None:
         return straight, back
@@ -73,18 +75,18 @@ def _nearest(angle, wanted):
 
 
 def _along_z(angle, distance):
-    return placement_of(Row(theta=angle, r=distance))
+    return placement_from_mdh(MDHParameters(theta=angle, r=distance))
 
 
 def _tidy(matrix):
     """The placement with what is rounding made zero."""
     tidied = placement()
-    for row in rows_of(matrix):
-        tidied = tidied @ placement_of(row)
+    for row in mdh_from_placement(matrix):
+        tidied = tidied @ placement_from_mdh(row)
     return tidied
 
 
-def snapped(robot, tolerance):
+def snap_angles(robot, tolerance):
     """The robot with its axes where they were meant: URDFs write 1.5708 for π/2.
 
     Of each placement in an antecedent, angles that are within `tolerance` [rad] of a multiple of 15° become that
@@ -92,7 +94,7 @@ def snapped(robot, tolerance):
     """
     joints = [replace(joint, placement=_snapped(joint.placement, tolerance)) for joint in robot.joints]
     frames = [replace(frame, placement=_snapped(frame.placement, tolerance)) for frame in robot.frames]
-    loops = [loop.placed(lambda end: _snapped(end.placement, tolerance)) for loop in robot.loops]
+    loops = [loop.with_placements(lambda end: _snapped(end.placement, tolerance)) for loop in robot.loops]
     return replace(robot, joints=tuple(joints), frames=tuple(frames), loops=tuple(loops))
 
 
@@ -101,10 +103,10 @@ def _snapped(matrix, tolerance):
         nearest = round(angle / (math.pi / 12)) * (math.pi / 12)
         return nearest if abs(angle - nearest) <= tolerance else angle
 
-    row = rows_of(placement(matrix[:3, :3]))[0]
+    row = mdh_from_placement(placement(matrix[:3, :3]))[0]
     alpha = snap(row.alpha)
     if alpha == 0 or abs(alpha) == math.pi:  # γ and θ turn about the same line: only what they come to has a meaning
-        turn = Row(alpha=alpha, theta=snap(row.theta + (row.gamma if alpha == 0 else -row.gamma)))
+        turn = MDHParameters(alpha=alpha, theta=snap(row.theta + (row.gamma if alpha == 0 else -row.gamma)))
     else:
-        turn = Row(gamma=snap(row.gamma), alpha=alpha, theta=snap(row.theta))
-    return placement(placement_of(turn)[:3, :3], matrix[:3, 3])
+        turn = MDHParameters(gamma=snap(row.gamma), alpha=alpha, theta=snap(row.theta))
+    return placement(placement_from_mdh(turn)[:3, :3], matrix[:3, 3])

@@ -14,13 +14,13 @@ def placement(rotation=None, translation=None):
     return matrix
 
 
-def inverse(matrix):
+def invert_placement(matrix):
     """jTi from iTj, by the transposed rotation."""
     rotation = matrix[:3, :3].T
     return placement(rotation, -rotation @ matrix[:3, 3])
 
 
-def as_rotation(matrices: np.ndarray) -> Rotation:
+def to_scipy_rotation(matrices: np.ndarray) -> Rotation:
     """Rotation matrices (3, 3) or (N, 3, 3) as SciPy's Rotation; read-only ones too, which SciPy 1.11 refuses."""
     return Rotation.from_matrix(np.array(matrices))
 

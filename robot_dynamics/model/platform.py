@@ -11,20 +11,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.placement import inverse, placement
+from robot_dynamics.model.placement import invert_placement, placement
 
 COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")
 """Of a platform, in the order of their joints; [m] and [rad]."""
-ONWARD = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+CYCLIC_ROTATION = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
 """Turns axes so that z comes to lie along x: what was x, y, z is then z, x, y."""
-TURNS = (ONWARD, ONWARD, ONWARD, np.eye(3), ONWARD.T, ONWARD.T)
+COORDINATE_ROTATIONS = (
+    CYCLIC_ROTATION,
+    CYCLIC_ROTATION,
+    CYCLIC_ROTATION,
+    np.eye(3),
+    CYCLIC_ROTATION.T,
+    CYCLIC_ROTATION.T,
+)
 """How the frame of each coordinate's joint stands in the one before: z along x, y, z, then z, y, x."""
-GROUND = (0, np.eye(4))
+BASE_FRAME = (0, np.eye(4))
 """Frame 0: number of the link, and placement in its frame."""
-ALIGNED = 1e-9  # [m, rad] to which axes of coordinates are where they should be
-OWN_FRAME = placement(ONWARD.T)
+ALIGNMENT_TOLERANCE = 1e-9  # [m, rad] to which axes of coordinates are where they should be
+PLATFORM_FRAME = placement(CYCLIC_ROTATION.T)
 """How the frame in which a platform is described stands in the frame of its link, whose z is along its x."""
 
 
@@ -39,17 +46,17 @@ class Platform:
     joints: tuple
     free: tuple = COORDINATES
     base: str | None = None
-    leads: bool = False
+    is_virtually_actuated: bool = False
 
-    def stands(self, robot):
+    def find_base_frame(self, robot):
         """(number of the link, placement (4, 4) in its frame) of the frame of a Robot on which the platform stands."""
         if self.base is None:
-            return GROUND
+            return BASE_FRAME
         frame = robot.frame(self.base)
         return frame.link, frame.placement
 
 
-def coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0), base=GROUND):
+def make_coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0), base=BASE_FRAME):
     """The six Joints of a platform: `name_x`, ... `name_roll`, which move links `first` to first + 5, the last of them
     the platform. start: (6,) initial positions [m, rad]; base: (number of the link, placement (4, 4) in its frame) of
     the frame on which the platform stands."""
@@ -62,7 +69,7 @@ def coordinate_joints(name, first, start=(0, 0, 0, 0, 0, 0), base=GROUND):
             actuated=False,
             initial_position=position,
         )
-        for place, (coordinate, turn, position) in enumerate(zip(COORDINATES, TURNS, start, strict=True))
+        for place, (coordinate, turn, position) in enumerate(zip(COORDINATES, COORDINATE_ROTATIONS, start, strict=True))
     ]
 
 
@@ -71,8 +78,10 @@ def check_platform(platform, robot):
     if not 0 < platform.link < len(robot.links):
         raise DescriptionError(f"the platform is link {platform.link}, of 1 to {len(robot.links) - 1}")
     if platform.base is not None and platform.base not in robot.frames_by_name:
-        raise DescriptionError(f"the base of a platform: {unknown_name('link', platform.base, robot.frames_by_name)}")
-    (base, placed), way = platform.stands(robot), tuple(robot.way(platform.link)[::-1])
+        raise DescriptionError(
+            f"the base of a platform: {describe_unknown_name('link', platform.base, robot.frames_by_name)}"
+        )
+    (base, placed), way = platform.find_base_frame(robot), tuple(robot.path_to_base(platform.link)[::-1])
     way = way[-len(COORDINATES) :]
     if way != tuple(platform.joints) or len(way) < len(COORDINATES) or robot.joints[way[0]].antecedent != base:
         names = ", ".join(repr(robot.joints[number].name) for number in way)
@@ -80,7 +89,7 @@ def check_platform(platform, robot):
             "the platform must hang on the base by the six joints of its coordinates, in their order, not by "
             f"{names} on link {robot.links[robot.joints[way[0]].antecedent].name!r}"
         )
-    if not platform.leads and any(robot.joints[number].role != "passive" for number in way):
+    if not platform.is_virtually_actuated and any(robot.joints[number].role != "passive" for number in way):
         raise DescriptionError("the joints that are the coordinates of the platform have neither motors nor springs")
     if not platform.free or not set(platform.free) <= set(COORDINATES):
         raise DescriptionError(f"free coordinates of a platform are some of {', '.join(COORDINATES)}")
@@ -90,7 +99,7 @@ def check_platform(platform, robot):
 def _check_axes(robot, way, base, frame):
     """Refuse joints that do not slide along x, y, z of the base (4, 4) and then turn about z, y, x of the platform's
     frame, which lies on that of the base where all are zero."""
-    axes, placed = [], inverse(base)
+    axes, placed = [], invert_placement(base)
     for number in way:
         placed = placed @ robot.joints[number].placement
         axes.append(np.append(placed[:3, 2], 0 if robot.joints[number].prismatic else np.cross(*placed[:3, 2:].T)))
@@ -99,8 +108,8 @@ def _check_axes(robot, way, base, frame):
         return
     kinds = [robot.joints[number].prismatic for number in way] == [True] * 3 + [False] * 3
     meant = [np.append(np.eye(3)[k], 0 if place < 3 else np.zeros(3)) for place, k in enumerate((0, 1, 2, 2, 1, 0))]
-    aligned = kinds and all(np.allclose(a, b, atol=ALIGNED) for a, b in zip(axes, meant, strict=True))
-    if not aligned or not np.allclose(placed, np.eye(4), atol=ALIGNED):
+    aligned = kinds and all(np.allclose(a, b, atol=ALIGNMENT_TOLERANCE) for a, b in zip(axes, meant, strict=True))
+    if not aligned or not np.allclose(placed, np.eye(4), atol=ALIGNMENT_TOLERANCE):
         raise DescriptionError(
             "the coordinates of the platform must slide along x, y and z of the base and then turn about z, y and x of "
             f"frame {frame.name!r}, which must lie on that of the base where they are zero"

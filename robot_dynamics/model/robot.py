@@ -11,19 +11,19 @@ from functools import cached_property
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
-from robot_dynamics.model.beam import Body, Flexibility
+from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
+from robot_dynamics.model.beam import Flexibility, RigidBody
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, check_joint, check_placement, doubtful_limits
+from robot_dynamics.model.joint import Joint, check_joint, check_placement, find_suspicious_limits
 from robot_dynamics.model.loop import Loop, check_loop
 from robot_dynamics.model.platform import Platform, check_platform
 
-EARTH = (0.0, 0.0, -9.81)
-MASSLESS = (
+EARTH_GRAVITY = (0.0, 0.0, -9.81)
+MASSLESS_WARNING = (
     "none of its moving links has a mass, so that weight and inertia are zero in all results: complete the "
     "description, or identify the masses from recordings (robot-dynamics identify)"
 )
-MOST_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
+MAX_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,10 +35,10 @@ class Link:
     inertia: Inertia
     flexibility: Flexibility | None = None
 
-    def seen_from(self, matrix):
+    def transformed_by(self, matrix):
         """The same link in the frame in which `matrix` (4, 4) places its own."""
-        bends = None if self.flexibility is None else self.flexibility.seen_from(matrix)
-        return replace(self, inertia=self.inertia.seen_from(matrix), flexibility=bends)
+        bends = None if self.flexibility is None else self.flexibility.transformed_by(matrix)
+        return replace(self, inertia=self.inertia.transformed_by(matrix), flexibility=bends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Robot:
     joints: tuple[Joint, ...]
     frames: tuple[Frame, ...]
     moving_base: bool = False
-    gravity: np.ndarray = EARTH
+    gravity: np.ndarray = EARTH_GRAVITY
     loops: tuple[Loop, ...] = ()
     platforms: tuple[Platform, ...] = ()
 
@@ -75,8 +75,8 @@ class Robot:
         self._check_gravity_and_base()
         if len(self.links) != len(self.joints) + 1:
             raise DescriptionError(f"{len(self.joints)} joints move {len(self.links)} links: one link more is needed")
-        if len(self.joints) > MOST_JOINTS:
-            raise DescriptionError(f"{len(self.joints)} moving joints are more than are read: {MOST_JOINTS} at most")
+        if len(self.joints) > MAX_JOINTS:
+            raise DescriptionError(f"{len(self.joints)} moving joints are more than are read: {MAX_JOINTS} at most")
         for kind, items in (("joint", self.joints), ("frame", self.frames), ("loop", self.loops)):
             (repeated, times), *_ = [*Counter(item.name for item in items).most_common(1), ("", 1)]
             if times > 1:
@@ -103,7 +103,7 @@ class Robot:
             check_platform(platform, self)
         if len({platform.link for platform in self.platforms}) < len(self.platforms):
             raise DescriptionError("a link is a platform once: each module has its own")
-        _ = self.leaders
+        _ = self.mimic_relations
 
     def __repr__(self):
         base = "moving" if self.moving_base else "fixed"
@@ -125,7 +125,9 @@ class Robot:
         """The Platform of a parallel robot, None of others. Raises QuestionError where there are many."""
         if len(self.platforms) > 1:
             names = ", ".join(self.platform_links)
-            raise QuestionError(f"{self.name!r} has {len(self.platforms)} platforms ({names}): say which one is meant")
+            raise InvalidInputError(
+                f"{self.name!r} has {len(self.platforms)} platforms ({names}): say which one is meant"
+            )
         return self.platforms[0] if self.platforms else None
 
     @property
@@ -152,13 +154,13 @@ class Robot:
         try:
             return self.frames_by_name[name]
         except (KeyError, TypeError):
-            told = unknown_name("link", name, self.frames_by_name)
+            told = describe_unknown_name("link", name, self.frames_by_name)
             if isinstance(name, str) and name in self.joint_numbers:
                 told = f"{name!r} is a joint: it moves link {self.links[self.joint_numbers[name] + 1].name!r}"
-            raise QuestionError(told) from None
+            raise InvalidInputError(told) from None
 
     @cached_property
-    def leaders(self):
+    def mimic_relations(self):
         """For each joint (number of the joint it depends on, multiplier, offset); an independent one leads itself.
 
         Raises DescriptionError where a joint follows one that is not there, or in the end itself.
@@ -170,7 +172,7 @@ class Robot:
         while (mimic := self.joints[number].mimic) is not None:
             passed.add(number)
             if mimic.joint not in self.joint_numbers:
-                leader = unknown_name("moving joint", mimic.joint, self.joint_numbers)
+                leader = describe_unknown_name("moving joint", mimic.joint, self.joint_numbers)
                 raise DescriptionError(f"joint {self.joints[number].name!r} mimics {leader}")
             multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
             number = self.joint_numbers[mimic.joint]
@@ -179,7 +181,7 @@ class Robot:
         return number, multiplier, offset
 
     @cached_property
-    def massless(self) -> bool:
+    def is_massless(self) -> bool:
         """Whether it has joints, and no link that they move has a mass or a moment of inertia.
 
         So are URDFs without `<inertial>`. The base counts as little as rotors do.
@@ -195,16 +197,18 @@ class Robot:
         """
         first, told_by_moment = (0 if self.moving_base else 1), self._known_by_moment
         judged = [link for number, link in enumerate(self.links[first:], first) if number not in told_by_moment]
-        found = [f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.objections()]
+        found = [
+            f"link {link.name!r}: {objection}" for link in judged for objection in link.inertia.find_inconsistencies()
+        ]
         if self.moving_base and not any(link.inertia.mass for link in self.links):
             found.append("the moving base and all that it carries have no mass, so no model has an answer")
         for joint in self.joints:
-            found += doubtful_limits(joint)
+            found += find_suspicious_limits(joint)
         resisted = self._resisted  # what loops bind is judged with the loops closed
-        if self.massless:  # said once, and not of each joint
-            found.append(MASSLESS)
-        for number, (leader, _, _) in enumerate(self.leaders):
-            if leader == number and not (resisted[number] or number in self.looped or self.massless):
+        if self.is_massless:  # said once, and not of each joint
+            found.append(MASSLESS_WARNING)
+        for number, (leader, _, _) in enumerate(self.mimic_relations):
+            if leader == number and not (resisted[number] or number in self.joints_in_loops or self.is_massless):
                 found.append(
                     f"link {self.links[number + 1].name!r}: joint {self.joints[number].name!r} moves nothing with "
                     "inertia, so the direct model has no answer"
@@ -213,7 +217,7 @@ class Robot:
             found += self._loose(platform)
         return tuple(found)
 
-    def way(self, link):
+    def path_to_base(self, link):
         """Numbers of the joints between a link and the base, from the link on."""
         found = []
         while link > 0:
@@ -222,23 +226,26 @@ class Robot:
         return found
 
     @cached_property
-    def looped(self):
+    def joints_in_loops(self):
         """Numbers of the joints that are part of a loop: on the way of one of its ends, and not of the other."""
         return frozenset().union(
-            *(set(self.way(a.link)) ^ set(self.way(b.link)) for a, b in (loop.ends for loop in self.loops))
+            *(
+                set(self.path_to_base(a.link)) ^ set(self.path_to_base(b.link))
+                for a, b in (loop.ends for loop in self.loops)
+            )
         )
 
     @cached_property
     def characteristic_length(self):
         """The mean length [m] of the links that are part of loops: what a radian moves."""
-        placements = [self.joints[number].placement for number in self.looped]
+        placements = [self.joints[number].placement for number in self.joints_in_loops]
         placements += [end.placement for loop in self.loops for end in loop.ends]
         lengths = [length for placed in placements if (length := np.linalg.norm(placed[:3, 3])) > 0]
         return float(np.mean(lengths)) if lengths else 1.0
 
     def _loose(self, platform):
         """What is doubtful about how a Platform is held: sentences."""
-        held = sum(len({*platform.joints} & ({*self.way(a.link)} ^ {*self.way(b.link)})) > 0
+        held = sum(len({*platform.joints} & ({*self.path_to_base(a.link)} ^ {*self.path_to_base(b.link)})) > 0
                    for a, b in (loop.ends for loop in self.loops))  # fmt: skip
         legs = "no leg" if held == 0 else "one leg alone"
         name = self.links[platform.link].name
@@ -272,11 +279,11 @@ class Robot:
             if number in ends:
                 diagonal = np.diagonal(self.links[number].inertia.spatial)
                 resists = diagonal[2 if joint.prismatic else 5] > 1e-12 * diagonal.max()
-            resisted[self.leaders[number - 1][0]] |= bool(resists or joint.rotor_inertia > 0)
+            resisted[self.mimic_relations[number - 1][0]] |= bool(resists or joint.rotor_inertia > 0)
             carries[joint.antecedent] |= carries[number]
         return resisted
 
-    def refuse_doubtful(self):
+    def raise_on_warnings(self):
         """Raise DescriptionError where there are `warnings`."""
         if self.warnings:
             raise DescriptionError(f"robot {self.name!r}: {'; '.join(self.warnings)}")
@@ -288,15 +295,15 @@ class Robot:
         """
         frame = self.frame(name)
         if not isinstance(inertia, Inertia):
-            raise QuestionError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
+            raise InvalidInputError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
         if not inertia.is_finite or inertia.mass < 0:
-            raise QuestionError(
+            raise InvalidInputError(
                 f"payload on link {name!r} has mass {inertia.mass:g} kg and moments {inertia.first_moments}, "
                 f"{inertia.second_moments.tolist()}: finite numbers and a mass of zero or more are needed"
             )
         links = list(self.links)
         carrier = links[frame.link]
-        seen = inertia.seen_from(frame.placement)
-        bends = carrier.flexibility and carrier.flexibility.with_body(Body(frame.placement[:3, 3], seen))
+        seen = inertia.transformed_by(frame.placement)
+        bends = carrier.flexibility and carrier.flexibility.with_body(RigidBody(frame.placement[:3, 3], seen))
         links[frame.link] = replace(carrier, inertia=carrier.inertia + seen, flexibility=bends)
         return replace(self, links=tuple(links))

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.kinematics import place
-from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, join, screw
+from robot_dynamics.newton_euler.kinematics import joint_placement
+from robot_dynamics.newton_euler.screw import apply, apply_transposed, concatenate_vectors, cross, screw
 
 
 class AugmentedBodies(NamedTuple):
@@ -58,24 +58,24 @@ def inverse_dynamics(robot, q, qd, qdd, base_twist, base_acceleration, external_
 
 def link_motions(robot, q, qd, qdd, base_twist, base_acceleration):
     """The Motion of each link, a list by link number; arguments as for `inverse_dynamics` (eq. 1 to 6)."""
-    motions = [Motion(None, None, base_twist[..., 3:], base_acceleration[..., 3:], base_acceleration[..., :3])]
+    motions = [LinkMotion(None, None, base_twist[..., 3:], base_acceleration[..., 3:], base_acceleration[..., :3])]
     for j, joint in enumerate(robot.joints, start=1):
         column = slice(j - 1, j)
         motions.append(_moved(joint, motions[joint.antecedent], q[..., column], qd[..., j - 1], qdd[..., j - 1]))
     return motions
 
 
-class Turning:
+class AngularMotion:
     """How a link turns.
 
     omega: ω_j, turning: its derivative a_j (..., 3), in the same axes; xx, xy, ... the products of components of ω_j;
     B: B_j.
     """
 
-    def __init__(self, omega, turning):
-        self.omega, self.turning = omega, turning
+    def __init__(self, omega, angular_acceleration):
+        self.omega, self.angular_acceleration = omega, angular_acceleration
         x, y, z = _entries(omega)
-        a, b, c = _entries(turning)
+        a, b, c = _entries(angular_acceleration)
         self.xx, self.yy, self.zz, self.xy, self.xz, self.yz = x * x, y * y, z * z, x * y, x * z, y * z  # eq. 2
         self.B = [  # eq. 4
             [-(self.yy + self.zz), self.xy - c, self.xz + b],
@@ -89,29 +89,29 @@ class Turning:
         return _vector(*(row[0] * x + row[1] * y + row[2] * z for row in self.B))
 
 
-class Motion(Turning):
+class LinkMotion(AngularMotion):
     """How a link moves: turning, and besides R, P: iRj (..., 3, 3) and iPj (..., 3); alpha: α_j (..., 3), the
     acceleration of O_j with gravity taken off. All in frame j."""
 
-    def __init__(self, R, P, omega, turning, alpha):
-        super().__init__(omega, turning)
+    def __init__(self, R, P, omega, angular_acceleration, alpha):
+        super().__init__(omega, angular_acceleration)
         self.R, self.P, self.alpha = R, P, alpha
 
 
 def _moved(joint, carrier, position, rate, acceleration):
     """The Motion of the link that a joint moves, from that of its antecedent (eq. 1 to 6)."""
-    R, P = place(joint, position)
+    R, P = joint_placement(joint, position)
     omega = apply_transposed(R, carrier.omega)  # eq. 1a
-    turning = apply_transposed(R, carrier.turning)  # eq. 3a
+    angular_acceleration = apply_transposed(R, carrier.angular_acceleration)  # eq. 3a
     alpha = apply_transposed(R, carrier.alpha + carrier.times(P))  # eq. 6a, 6b
     x, y, z = _entries(omega)
-    a, b, c = _entries(turning)
+    a, b, c = _entries(angular_acceleration)
     if joint.prismatic:
         alpha = alpha + _vector(2 * rate * y, -2 * rate * x, acceleration)  # eq. 5, 6c
     else:
         omega = _vector(x, y, z + rate)  # eq. 1b
-        turning = _vector(a + rate * y, b - rate * x, c + acceleration)  # eq. 3b
-    return Motion(R, P, omega, turning, alpha)
+        angular_acceleration = _vector(a + rate * y, b - rate * x, c + acceleration)  # eq. 3b
+    return LinkMotion(R, P, omega, angular_acceleration, alpha)
 
 
 def _backward(robot, bodies, motions, qdd, external_wrenches):
@@ -121,13 +121,13 @@ def _backward(robot, bodies, motions, qdd, external_wrenches):
     for j in range(len(robot.links) - 1, -1, -1):
         motion, first = motions[j], bodies.first_moments[j]
         push = motion.times(first)  # e_j, eq. 7a
-        moment = turning_moment(bodies.second_moments[j], motion) + cross(first, motion.alpha)  # eq. 9a
+        moment = rotational_moment(bodies.second_moments[j], motion) + cross(first, motion.alpha)  # eq. 9a
         if j in external_wrenches:
             push, moment = push + external_wrenches[j][..., :3], moment + external_wrenches[j][..., 3:]
         push = push if pushes[j] is None else push + pushes[j]
         moment = moment if moments[j] is None else moment + moments[j]
         if j == 0:
-            return join(forces), screw(push + bodies.masses[0] * motion.alpha, moment)
+            return concatenate_vectors(forces), screw(push + bodies.masses[0] * motion.alpha, moment)
         joint = robot.joints[j - 1]
         if joint.prismatic:
             push = push + bodies.masses[j] * motion.alpha  # f_j, eq. 8
@@ -139,9 +139,9 @@ def _backward(robot, bodies, motions, qdd, external_wrenches):
         moments[i] = turned if moments[i] is None else moments[i] + turned
 
 
-def turning_moment(K, motion):
+def rotational_moment(K, motion):
     """k a + ω × k ω (..., 3), for a symmetric k (3, 3), each entry of k used as few times as can be."""
-    a, b, c = _entries(motion.turning)
+    a, b, c = _entries(motion.angular_acceleration)
     B = motion.B
     x = K[0, 0] * a + (K[2, 2] - K[1, 1]) * motion.yz - K[0, 1] * B[2][0] + K[0, 2] * B[1][0]
     y = K[1, 1] * b + (K[0, 0] - K[2, 2]) * motion.xz + K[0, 1] * B[2][1] - K[1, 2] * B[0][1]

@@ -6,8 +6,8 @@ composite body of j then moves about or along z_j, and its wrench is handed down
 
 import numpy as np
 
-from robot_dynamics.model.inertia import symmetric, symmetric_entries
-from robot_dynamics.newton_euler.kinematics import axis_row, place
+from robot_dynamics.model.inertia import symmetric_entries, symmetric_matrix
+from robot_dynamics.newton_euler.kinematics import axis_row, joint_placement
 from robot_dynamics.newton_euler.screw import apply, cross, screw
 
 
@@ -18,7 +18,7 @@ def inertia_matrix(robot, q):
     second = [link.inertia.second_moments for link in robot.links]
     base, joints = (6 if robot.moving_base else 0), len(robot.joints)
     entries = {}
-    placed = [None] + [place(joint, q[..., j : j + 1]) for j, joint in enumerate(robot.joints)]
+    placed = [None] + [joint_placement(joint, q[..., j : j + 1]) for j, joint in enumerate(robot.joints)]
     for j in range(joints, 0, -1):
         joint, (R, P) = robot.joints[j - 1], placed[j]
         i = joint.antecedent
@@ -30,7 +30,7 @@ def inertia_matrix(robot, q):
             elif robot.moving_base:
                 entries.update({(row - 6, j): handed[..., row] for row in range(6)})
         if i > 0 or robot.moving_base:
-            turned, square = apply(R, first[j]), turned_second_moments(joint, R, q[..., j - 1], second[j])
+            turned, square = apply(R, first[j]), rotate_second_moments(joint, R, q[..., j - 1], second[j])
             second[i] = second[i] + square + _shift(masses[j], turned, P)
             first[i] = first[i] + turned + _times(masses[j], P)
             masses[i] = masses[i] + masses[j]
@@ -58,7 +58,7 @@ def _handed_down(robot, placed, j, wrench):
         yield j, wrench
 
 
-def turned_second_moments(joint, R, position, J):
+def rotate_second_moments(joint, R, position, J):
     """R J Rᵀ (..., 3, 3) for a symmetric J in frame j, in the axes of the antecedent.
 
     A turn about z leaves the trace of the upper left block alone, which saves half of the products.
@@ -68,10 +68,10 @@ def turned_second_moments(joint, R, position, J):
         xx, xy, xz, yy, yz, zz = symmetric_entries(J)
         t = c * (xx - yy) - s * (xy + xy)
         shift = c * t  # xx' = c² xx - 2 c s xy + s² yy = yy + c t
-        J = symmetric(yy + shift, xy + s * t, c * xz - s * yz, xx - shift, s * xz + c * yz, zz)
+        J = symmetric_matrix(yy + shift, xy + s * t, c * xz - s * yz, xx - shift, s * xz + c * yz, zz)
         R = joint.rotation
     turned = R @ J
-    return mirrored(turned @ np.swapaxes(R, -1, -2))
+    return symmetric_from_upper(turned @ np.swapaxes(R, -1, -2))
 
 
 def _shift(mass, first, P):
@@ -84,16 +84,16 @@ def _shift(mass, first, P):
     xy = -(u * y + first[..., 1] * x)
     xz = -(u * z + first[..., 2] * x)
     yz = -(v * z + first[..., 2] * y)
-    return symmetric(yy + zz, xy, xz, xx + zz, yz, xx + yy)
+    return symmetric_matrix(yy + zz, xy, xz, xx + zz, yz, xx + yy)
 
 
 def _times(mass, P):
     return np.expand_dims(mass, -1) * P if np.ndim(mass) else mass * P
 
 
-def mirrored(matrix):
+def symmetric_from_upper(matrix):
     """The symmetric matrices (..., 3, 3) of which these have the upper triangle."""
-    return symmetric(*symmetric_entries(matrix))
+    return symmetric_matrix(*symmetric_entries(matrix))
 
 
 def _base_block(mass, first, second):

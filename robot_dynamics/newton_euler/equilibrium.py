@@ -12,35 +12,35 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.elastic import spring_force
+from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.walker_orin import bias
 
-ITERATIONS = 300
-HALVINGS = 30
-LONGEST_TURN, LONGEST_SLIDE = (
+MAX_ITERATIONS = 300
+MAX_HALVINGS = 30
+MAX_ROTATION, MAX_TRANSLATION = (
     0.2,
     5.0,
 )  # of one step [rad], [m]: gravity along a slide does not change, about an axis it does
 DISPLACEMENT = 1e-6  # [rad or m] for the derivative by central differences
-SOFTEST = 1e-6  # stiffness against all joints together, as a part of their own, that is taken for a valley
-NEUTRAL = 1e-9  # and below which there is none
-AT_REST = 1e-14  # nothing moves for less than this part of the weights, wrenches and springs
+MIN_STIFFNESS = 1e-6  # stiffness against all joints together, as a part of their own, that is taken for a valley
+NEUTRAL_STIFFNESS = 1e-9  # and below which there is none
+RELATIVE_BALANCE_TOLERANCE = 1e-14  # nothing moves for less than this part of the weights, wrenches and springs
 
 
-class Balance(NamedTuple):
+class StaticBalance(NamedTuple):
     """configuration: positions of all joints, and how they move together; stable: (...), for loads that have a
     potential: wrenches, which turn with their links, may excite what this calls stable; left: (..., free) the forces
     that are left at the joints without motor, and scale: (..., free), the weights, wrenches and springs' forces at 1
     rad or m to compare with."""
 
-    configuration: object
-    stable: np.ndarray
-    left: np.ndarray
+    constrained_state: object
+    is_stable: np.ndarray
+    residual: np.ndarray
     scale: np.ndarray
 
 
-def balance(robot, configured, start, q, free, base_acceleration, external_wrenches):
+def find_equilibrium(robot, state_near, start, q, free, base_acceleration, external_wrenches):
     """The Balance of a robot whose independent joints `free` (numbers) have no motor.
 
     configured: gives for positions (..., m) of the independent joints, and positions (..., joints) of all joints near
@@ -56,12 +56,12 @@ def balance(robot, configured, start, q, free, base_acceleration, external_wrenc
 
     def forces(q_free):
         """What is out of balance at the free joints (..., free), not far from `here`."""
-        there = configured(independent(q_free), here.q)
+        there = state_near(independent(q_free), here.q)
         rest = np.zeros_like(there.q)
         held = bias(
-            there.robot, there.local, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches
+            there.robot, there.chart_q, rest, base_acceleration=base_acceleration, external_wrenches=external_wrenches
         )
-        return there.gathered(held[..., -len(robot.joints) :] + spring_force(robot, there.q, rest))[..., free]
+        return there.projected(held[..., -len(robot.joints) :] + spring_force(robot, there.q, rest))[..., free]
 
     found, here = q[..., free], start
     left = forces(found)
@@ -70,19 +70,19 @@ def balance(robot, configured, start, q, free, base_acceleration, external_wrenc
     scale = _scale(robot, G, base_acceleration, external_wrenches)
     turning = np.array([not joint.prismatic for joint in robot.joints])
     slides = ~np.any((G != 0) & turning[:, None], axis=tuple(range(G.ndim - 1)))
-    longest = np.where(slides, LONGEST_SLIDE, LONGEST_TURN)
-    for _ in range(ITERATIONS):
+    longest = np.where(slides, MAX_TRANSLATION, MAX_ROTATION)
+    for _ in range(MAX_ITERATIONS):
         if not np.isfinite(left).all():
-            return Balance(here, np.False_, left, scale)
+            return StaticBalance(here, np.False_, left, scale)
         before = found
-        rests = (np.abs(left) <= AT_REST * scale).all(axis=-1)
+        rests = (np.abs(left) <= RELATIVE_BALANCE_TOLERANCE * scale).all(axis=-1)
         found, left = _moved(forces, found, left, _stiffness(forces, found), rests, longest)
-        here = configured(independent(found), here.q)
+        here = state_near(independent(found), here.q)
         if np.all(np.abs(found - before) <= 1e-15 * (1 + np.abs(found))):
             break
     _, scaled = _by_own_stiffness(_stiffness(forces, found))
     smallest = np.linalg.eigvalsh((scaled + np.swapaxes(scaled, -1, -2)) / 2).min(axis=-1)
-    return Balance(here, smallest > NEUTRAL, left, scale)
+    return StaticBalance(here, smallest > NEUTRAL_STIFFNESS, left, scale)
 
 
 def _scale(robot, G, base_acceleration, external_wrenches):
@@ -115,13 +115,13 @@ def _moved(forces, found, left, K, rests, longest):
     """(positions, forces left) after one step downhill in each sample; none where it `rests` or where none helps."""
     s, K = _by_own_stiffness(K)
     smallest = np.linalg.eigvalsh((K + np.swapaxes(K, -1, -2)) / 2).min(axis=-1)
-    damping = np.where(smallest < SOFTEST, SOFTEST - smallest + np.abs(smallest), 0.0)
+    damping = np.where(smallest < MIN_STIFFNESS, MIN_STIFFNESS - smallest + np.abs(smallest), 0.0)
     matrix = K + damping[..., None, None] * np.eye(K.shape[-1])
     step = -s * solve_each(matrix, s * left)
     step = step / np.maximum(1.0, np.abs(step / longest).max(axis=-1, keepdims=True))
     downhill = -(left * step).sum(axis=-1, keepdims=True)
     share = np.ones((*step.shape[:-1], 1))
-    for _ in range(HALVINGS):
+    for _ in range(MAX_HALVINGS):
         now = forces(found + share * step)
         beyond = (now * step).sum(axis=-1, keepdims=True) > 0.5 * np.abs(downhill)
         if not beyond.any():

@@ -1,7 +1,13 @@
 """The inverse dynamic model in two sweeps: the cheap way where every acceleration is known, the base's too."""
 
-from robot_dynamics.newton_euler.kinematics import along, along_axis
-from robot_dynamics.newton_euler.screw import apply, join, pile, twist_to_successor, wrench_to_antecedent
+from robot_dynamics.newton_euler.kinematics import axis_component, axis_screw
+from robot_dynamics.newton_euler.screw import (
+    apply,
+    concatenate_vectors,
+    stack_vectors,
+    twist_to_successor,
+    wrench_to_antecedent,
+)
 
 
 def inverse_dynamics(robot, sweep, qdd, base_acceleration):
@@ -20,13 +26,13 @@ def inverse_dynamics(robot, sweep, qdd, base_acceleration):
     for j, joint in enumerate(robot.joints, start=1):
         R, P = sweep.rotations[j], sweep.positions[j]
         V_dot = twist_to_successor(R, P, accelerations[joint.antecedent]) + sweep.gammas[j]
-        V_dot = V_dot + along_axis(joint, qdd[..., j - 1 : j])
+        V_dot = V_dot + axis_screw(joint, qdd[..., j - 1 : j])
         accelerations.append(V_dot)
         wrenches.append(apply(robot.links[j].inertia.spatial, V_dot) - sweep.betas[j])
     forces = [None] * len(robot.joints)
     for j in range(len(robot.joints), 0, -1):
         joint = robot.joints[j - 1]
-        forces[j - 1] = along(joint, wrenches[j]) + joint.rotor_inertia * qdd[..., j - 1 : j]
+        forces[j - 1] = axis_component(joint, wrenches[j]) + joint.rotor_inertia * qdd[..., j - 1 : j]
         i = joint.antecedent
         wrenches[i] = wrenches[i] + wrench_to_antecedent(sweep.rotations[j], sweep.positions[j], wrenches[j])
-    return join(forces), pile(wrenches)
+    return concatenate_vectors(forces), stack_vectors(wrenches)

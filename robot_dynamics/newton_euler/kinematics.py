@@ -7,7 +7,7 @@ import numpy as np
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, screw, twist_to_successor
 
 
-class Sweep(NamedTuple):
+class ForwardPass(NamedTuple):
     """What the forward sweep leaves for each link 0..n, lists indexed by link number.
 
     rotations, positions: iRj (..., 3, 3) and iPj (..., 3), link 0 has none; velocities: jVj (..., 6);
@@ -22,7 +22,7 @@ class Sweep(NamedTuple):
     betas: list
 
 
-def place(joint, position):
+def joint_placement(joint, position):
     """iRj (..., 3, 3) and iPj (..., 3) of a joint's frame in its antecedent's, for joint positions (..., 1).
 
     iTj(q) = iTj(0) Rot(z, q) for a revolute joint, iTj(0) Trans(z, q) for a prismatic one.
@@ -46,7 +46,7 @@ def velocity_wrench(link, V):
     )
 
 
-def sweep_forward(robot, q, qd, base_twist, external_wrenches):
+def run_forward_pass(robot, q, qd, base_twist, external_wrenches):
     """Forward recursive equations, j = 1..n.
 
     q, qd: (..., n) joint positions [rad or m] and velocities. base_twist: 0V0 (..., 6), in frame 0.
@@ -54,9 +54,9 @@ def sweep_forward(robot, q, qd, base_twist, external_wrenches):
 
     Source: Khalil, section 3.2 and first step of sections 3.3.2, 7.2 and 7.3.
     """
-    sweep = Sweep([None], [None], [base_twist], [None], [_beta(robot, 0, base_twist, external_wrenches)])
+    sweep = ForwardPass([None], [None], [base_twist], [None], [_beta(robot, 0, base_twist, external_wrenches)])
     for j, joint in enumerate(robot.joints, start=1):
-        R, P = place(joint, q[..., j - 1 : j])
+        R, P = joint_placement(joint, q[..., j - 1 : j])
         V_i = sweep.velocities[joint.antecedent]
         V = twist_to_successor(R, P, V_i)  # jTi iVi, to which q̇ ja is added below
         rate = qd[..., j - 1 : j]
@@ -68,7 +68,7 @@ def sweep_forward(robot, q, qd, base_twist, external_wrenches):
             gamma = screw(centripetal + 2 * turning, np.zeros(3))
         else:
             gamma = screw(centripetal, turning)
-        V = V + along_axis(joint, rate)
+        V = V + axis_screw(joint, rate)
         sweep.rotations.append(R)
         sweep.positions.append(P)
         sweep.velocities.append(V)
@@ -88,13 +88,13 @@ def axis_row(joint):
     return 2 if joint.prismatic else 5
 
 
-def along(joint, screws):
+def axis_component(joint, screws):
     """ja_jᵀ times screws (..., 6): their component (..., 1) along the axis of the joint."""
     row = axis_row(joint)
     return screws[..., row : row + 1]
 
 
-def along_axis(joint, value):
+def axis_screw(joint, value):
     """ja_j times a value (..., 1): a screw (..., 6) along the axis of the joint."""
     unit = np.zeros(6, int)
     unit[axis_row(joint)] = 1
@@ -105,7 +105,7 @@ def link_placements(robot, q):
     """0Rj (..., 3, 3) and 0Pj (..., 3) of every link frame in frame 0, a list of pairs indexed by link number."""
     placements = [(np.eye(3), np.zeros(3))]
     for j, joint in enumerate(robot.joints, start=1):
-        R, P = place(joint, q[..., j - 1 : j])
+        R, P = joint_placement(joint, q[..., j - 1 : j])
         R_i, P_i = placements[joint.antecedent]
         placements.append((R_i @ R, P_i + apply(R_i, P)))
     return placements

@@ -7,21 +7,21 @@ parameter 1 and the others 0 demands is handed down to the base.
 
 import numpy as np
 
-from robot_dynamics.model.inertia import MOMENTS, symmetric_entries
-from robot_dynamics.newton_euler.augmented import link_motions, turning_moment
+from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_entries
+from robot_dynamics.newton_euler.augmented import link_motions, rotational_moment
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import axis_row
 from robot_dynamics.newton_euler.screw import apply, cross, screw
 
-BODY = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-DRIVE = ("Ia", "Fv", "Fs")
+LINK_PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+JOINT_PARAMETERS = ("Ia", "Fv", "Fs")
 
 
 def parameter_names(robot):
     """Names of the columns: `XX.link`, ... `M.link`, `Ia.joint`, `Fv.joint`, `Fs.joint`, link by link."""
-    names = [f"{key}.{robot.base_link}" for key in BODY] if robot.moving_base else []
+    names = [f"{key}.{robot.base_link}" for key in LINK_PARAMETERS] if robot.moving_base else []
     for joint, link in zip(robot.joints, robot.links[1:], strict=True):
-        names += [f"{key}.{link.name}" for key in BODY] + [f"{key}.{joint.name}" for key in DRIVE]
+        names += [f"{key}.{link.name}" for key in LINK_PARAMETERS] + [f"{key}.{joint.name}" for key in JOINT_PARAMETERS]
     return tuple(names)
 
 
@@ -69,10 +69,10 @@ def regressor(robot, q, qd, qdd, base_twist, base_acceleration, links=None):
 def _unit_wrenches(motion):
     """What a link that moves like this demands for each of BODY (..., 6), in its frame."""
     nothing = 0 * motion.alpha
-    for row, column in MOMENTS.values():
+    for row, column in INERTIA_ENTRIES.values():
         K = np.zeros((3, 3), dtype=int)
         K[row, column] = K[column, row] = 1
-        yield screw(nothing, turning_moment(K, motion))
+        yield screw(nothing, rotational_moment(K, motion))
     for axis in np.eye(3, dtype=int):
         yield screw(motion.times(axis), cross(axis + nothing, motion.alpha))
     yield screw(motion.alpha, nothing)

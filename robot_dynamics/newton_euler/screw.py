@@ -63,7 +63,7 @@ def inertia_to_antecedent(R, P, J):
     return np.concatenate([top, bottom], axis=-2)
 
 
-def join(vectors):
+def concatenate_vectors(vectors):
     """Vectors (..., k), each of its own length, one after the other."""
     if not vectors:
         return np.zeros(0)
@@ -71,12 +71,12 @@ def join(vectors):
     return np.concatenate([np.broadcast_to(vector, (*batch, vector.shape[-1])) for vector in vectors], axis=-1)
 
 
-def pile(rows):
+def stack_vectors(rows):
     """Vectors (..., k) as rows: (..., number of vectors, k)."""
     return np.stack(np.broadcast_arrays(*rows), axis=-2)
 
 
-def stacked(matrices):
+def stack_matrices(matrices):
     """Matrices (..., m, k) on top of each other."""
     batch = np.broadcast_shapes(*(matrix.shape[:-2] for matrix in matrices))
     return np.concatenate([np.broadcast_to(matrix, (*batch, *matrix.shape[-2:])) for matrix in matrices], axis=-2)

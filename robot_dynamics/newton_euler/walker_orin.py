@@ -7,9 +7,9 @@ f_0 is the wrench on the base and V̇0 its classical acceleration, both in frame
 import numpy as np
 
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
-from robot_dynamics.newton_euler.kinematics import sweep_forward
+from robot_dynamics.newton_euler.kinematics import run_forward_pass
 
-AT_REST = np.zeros(6)
+ZERO_SCREW = np.zeros(6)
 
 
 def inertia_matrix(robot, q):
@@ -21,19 +21,19 @@ def inertia_matrix(robot, q):
     base = 6 if robot.moving_base else 0
     # an axis for the columns, in front of every batch axis, so that one sweep does for all
     unit = np.eye(base + joints).reshape((base + joints,) + (1,) * (q.ndim - 1) + (base + joints,))
-    sweep = sweep_forward(robot, q, np.zeros_like(q), AT_REST, {})
-    base_acceleration = unit[..., :6] if robot.moving_base else AT_REST
+    sweep = run_forward_pass(robot, q, np.zeros_like(q), ZERO_SCREW, {})
+    base_acceleration = unit[..., :6] if robot.moving_base else ZERO_SCREW
     forces, wrenches = inverse_dynamics(robot, sweep, unit[..., base:], base_acceleration)
     return np.moveaxis(_rows(robot, forces, wrenches, unit.shape[:1] + q.shape[:-1]), 0, -1)
 
 
-def bias(robot, q, qd, base_twist=AT_REST, base_acceleration=AT_REST, external_wrenches=None, drift=None):
+def bias(robot, q, qd, base_twist=ZERO_SCREW, base_acceleration=ZERO_SCREW, external_wrenches=None, drift=None):
     """H (..., m): what the inverse model asks for when all accelerations are 0, or those of joints `drift` (..., n).
 
     base_acceleration: (..., 6), what H is to hold of gravity: 0 for Coriolis and centrifugal terms alone, -g turned
     into frame 0 for gravity too; with qd and base_twist zero, for gravity alone.
     """
-    sweep = sweep_forward(robot, q, qd, base_twist, external_wrenches or {})
+    sweep = run_forward_pass(robot, q, qd, base_twist, external_wrenches or {})
     forces, wrenches = inverse_dynamics(robot, sweep, np.zeros_like(q) if drift is None else drift, base_acceleration)
     batch = np.broadcast_shapes(q.shape[:-1], wrenches.shape[:-2])
     return _rows(robot, forces, wrenches, batch)

@@ -14,19 +14,19 @@ NUMBER = re.compile(r"\d[\d.e+-]*")
 SOONEST = 0.1  # [s] between two messages when what they say changes
 
 
-def without_numbers(text):
+def mask_numbers(text):
     """A text (or whether something is so) with its numbers taken out: what stays the same while they change."""
     return NUMBER.sub("#", str(text))
 
 
-class Durations:
+class DurationStatistics:
     """Durations [s] of what happens again and again, since they were last told: how many, percentiles, the longest.
 
     most: how many of the last ones percentiles are taken of.
     """
 
-    def __init__(self, most=4096):
-        self._kept, self._most = array("d", bytes(8 * most)), most
+    def __init__(self, window=4096):
+        self._kept, self._most = array("d", bytes(8 * window)), window
         self._count, self._longest = 0, 0.0
 
     def add(self, seconds):
@@ -64,11 +64,11 @@ class Diagnostics:
         self._told_at = self._clock.now().nanoseconds
         self._timer = node.create_timer(PERIOD, self.publish, clock=self._clock)
 
-    def changed(self, *what):
+    def publish_if_changed(self, *what):
         """Tell it now where `what` (texts) is not what it was when this was last asked, but for the numbers in it."""
         if what == self._seen:
             return
-        plain = tuple(map(without_numbers, what))
+        plain = tuple(map(mask_numbers, what))
         if plain == self._told:
             self._seen = what
         elif (self._clock.now().nanoseconds - self._told_at) * 1e-9 > SOONEST:

@@ -3,7 +3,7 @@
 import inspect
 
 
-class WithMessageInfo:
+class MessageInfoCallback:
     """A callback(message, info) for `create_subscription` that works with every executor of rclpy.
 
     EventsExecutor of rclpy 7.1 passes the pair as a single argument where other executors pass two. `info` is a dict:

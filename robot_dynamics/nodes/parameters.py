@@ -6,10 +6,10 @@ import numpy as np
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.parameter import Parameter
 
-from robot_dynamics.errors import QuestionError, RobotDynamicsError
+from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 
 
-def declare(node, parameters):
+def declare_parameters(node, parameters):
     """Declare parameters {name: (default, what it is)} of a node. They are typed below, not by rclpy: an integer where
     a decimal number belongs is no reason to refuse.
 
@@ -22,7 +22,7 @@ def declare(node, parameters):
             node.set_parameters([Parameter(name, value=[])])
 
 
-def judged(change):
+def try_parameter_change(change):
     """The SetParametersResult of a change that is tried: refused with the reason where it raises one."""
     try:
         change()
@@ -31,23 +31,23 @@ def judged(change):
     return SetParametersResult(successful=True)
 
 
-def plain(name, value):
+def to_python_value(name, value):
     """The value of a parameter with lists as Python lists, for rclpy gives lists of numbers as array.array.
 
     Raises QuestionError where there is no value, which is how a client of the node removes a parameter.
     """
     if value is None:
-        raise QuestionError(f"parameter {name} is read by this node and cannot be removed")
+        raise InvalidInputError(f"parameter {name} is read by this node and cannot be removed")
     return list(value) if isinstance(value, tuple | array) else value
 
 
-def typed_as(default, name, value, description):
+def convert_parameter(default, name, value, description):
     """The value of a parameter in the type, and of a list in the length, of `default`. Raises QuestionError."""
-    value = plain(name, value)
+    value = to_python_value(name, value)
     if isinstance(default, str | bool):
         if isinstance(value, type(default)):
             return value
-        raise QuestionError(
+        raise InvalidInputError(
             f"parameter {name} is {value!r}: {'a text' if isinstance(default, str) else 'true or false'} is needed"
         )
     size = np.size(default)
@@ -58,32 +58,32 @@ def typed_as(default, name, value, description):
     texts = any(isinstance(item, str | bool) for item in (value if isinstance(value, list) else [value]))
     if found.dtype.kind != "f" or texts or found.shape != np.shape(default):
         need = "a number is" if isinstance(default, float) else f"{size} numbers are"
-        raise QuestionError(f"parameter {name} is {value!r}: {need} needed, {description}")
+        raise InvalidInputError(f"parameter {name} is {value!r}: {need} needed, {description}")
     return found.tolist()
 
 
-def listed(value):
+def as_list(value):
     """The list that the value of a parameter is: of one where it is no list, of none where it is an empty text."""
     return [] if isinstance(value, str) and not value else np.ravel(value).tolist()
 
 
-def names(name, value):
+def parse_names(name, value):
     """The names (a tuple) that the value of a parameter is a list of. Raises QuestionError."""
-    values = listed(plain(name, value))
+    values = as_list(to_python_value(name, value))
     if not all(isinstance(item, str) and item for item in values):
-        raise QuestionError(f"parameter {name} is {plain(name, value)!r}: a list of names is needed")
+        raise InvalidInputError(f"parameter {name} is {to_python_value(name, value)!r}: a list of names is needed")
     return tuple(values)
 
 
-def numbers(name, value, description):
+def parse_numbers(name, value, description):
     """The numbers (a list), as many as there are, that the value of a parameter is. Raises QuestionError."""
-    values = listed(plain(name, value))
-    return typed_as([0.0] * len(values), name, values, description)
+    values = as_list(to_python_value(name, value))
+    return convert_parameter([0.0] * len(values), name, values, description)
 
 
-def whole_number(name, value, least):
+def parse_integer(name, value, least):
     """The value of a parameter that counts something. Raises QuestionError."""
-    value = plain(name, value)
+    value = to_python_value(name, value)
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise QuestionError(f"parameter {name} is {value!r}: a whole number from {least} on is needed")
+        raise InvalidInputError(f"parameter {name} is {value!r}: a whole number from {least} on is needed")
     return value

@@ -8,13 +8,13 @@ from rcl_interfaces.msg import SetParametersResult
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import DescriptionError, QuestionError, RobotDynamicsError
-from robot_dynamics.model.inertia import Inertia, symmetric
-from robot_dynamics.model.library import read_file, read_robot
-from robot_dynamics.model.robot import MASSLESS
+from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError
+from robot_dynamics.model.inertia import Inertia, symmetric_matrix
+from robot_dynamics.model.loading import read_description, read_robot
+from robot_dynamics.model.robot import MASSLESS_WARNING
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
-from robot_dynamics.nodes.parameters import declare, typed_as
-from robot_dynamics.nodes.qualities import LATCHED
+from robot_dynamics.nodes.parameters import convert_parameter, declare_parameters
+from robot_dynamics.nodes.qos import LATCHED_QOS
 
 BASES = {"": None, "fixed": False, "moving": True}
 
@@ -45,16 +45,16 @@ class RobotSource:
     and calls `adopted` of it, while the node goes on with its other work; None: the node waits for it.
     """
 
-    def __init__(self, node, adopted=None, worker=None):
-        self._node, self._adopted, self._worker = node, adopted, worker
+    def __init__(self, node, on_new_robot=None, worker=None):
+        self._node, self._adopted, self._worker = node, on_new_robot, worker
         self._bare = None, None  # what was read last, and the robot of it: another payload is no reason to read again
         self._dynamics = self._candidate = None
         self._massless = WeakSet()  # each Dynamics of a description without masses
         self._published = None  # the last text on the topic that was a robot
-        self.refusal = (
+        self.rejection_reason = (
             "neither robot_description nor robot_file is set, and nothing came on the topic robot_description"
         )
-        declare(node, PARAMETERS)
+        declare_parameters(node, PARAMETERS)
         refused = self._try(lambda: self._adopt(self._load(self._settings())))
         if not refused and self._dynamics is None:
             topic = node.resolve_topic_name("robot_description")
@@ -63,13 +63,13 @@ class RobotSource:
             )
         node.add_on_set_parameters_callback(self._before_change)
         node.add_post_set_parameters_callback(self._after_change)
-        self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED)
+        self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED_QOS)
 
     @property
     def dynamics(self):
         """The Dynamics of the robot. Raises DescriptionError where none is loaded yet, saying why."""
         if self._dynamics is None:
-            raise DescriptionError(f"no robot is loaded: {self.refusal}")
+            raise DescriptionError(f"no robot is loaded: {self.rejection_reason}")
         return self._dynamics
 
     @property
@@ -77,37 +77,37 @@ class RobotSource:
         """Name of the robot, empty where none is loaded."""
         return self._dynamics.robot.name if self._dynamics else ""
 
-    def massless(self, dynamics):
+    def is_massless(self, dynamics):
         """Whether the description of a Dynamics from here has no masses. A payload does not make up for them."""
         return dynamics in self._massless
 
     @property
-    def doubt(self):
+    def reliability_warning(self):
         """Why results of the robot are not to be relied on: a sentence, empty for most robots."""
-        return f"robot {self.name!r}: {MASSLESS}" if self.massless(self._dynamics) else ""
+        return f"robot {self.name!r}: {MASSLESS_WARNING}" if self.is_massless(self._dynamics) else ""
 
     def health(self):
         """(level, message) of a DiagnosticStatus: whether a robot is loaded, and whether its last change was."""
         if not self.name:
-            return ERROR, f"no robot is loaded: {self.refusal}"
-        if self.refusal:
-            return WARN, f"last change refused: {self.refusal}"
-        if self.doubt:
-            return WARN, self.doubt
+            return ERROR, f"no robot is loaded: {self.rejection_reason}"
+        if self.rejection_reason:
+            return WARN, f"last change refused: {self.rejection_reason}"
+        if self.reliability_warning:
+            return WARN, self.reliability_warning
         return OK, f"serving {self.name!r}"
 
     def _settings(self, changes=()):
         """The values of PARAMETERS, each in its type, as they are or would be after changes {name: value}."""
         values = {name: self._node.get_parameter(name).value for name in PARAMETERS}
         values.update(changes)
-        return {name: typed(name, value) for name, value in values.items()}
+        return {name: convert_robot_parameter(name, value) for name, value in values.items()}
 
     def _load(self, settings):
         """The Dynamics of the robot that the settings name, else of the one on the topic, else None."""
         if settings["robot_description"]:
             text, source = settings["robot_description"], "parameter robot_description"
         elif settings["robot_file"]:
-            text, source = read_file(settings["robot_file"])
+            text, source = read_description(settings["robot_file"])
         elif self._published is not None:
             text, source = self._published, "topic robot_description"
         elif self._dynamics is None:
@@ -128,9 +128,9 @@ class RobotSource:
             self._bare = (text, source, told), robot
         loaded = with_payload(robot, settings)
         if settings["strict"]:
-            loaded.refuse_doubtful()
+            loaded.raise_on_warnings()
         dynamics = Dynamics(loaded)
-        if robot.massless:
+        if robot.is_massless:
             self._massless.add(dynamics)
         return dynamics
 
@@ -138,11 +138,11 @@ class RobotSource:
         self._dynamics, logger = dynamics, self._node.get_logger()
         if dynamics is None:
             return
-        self.refusal = ""
+        self.rejection_reason = ""
         robot = dynamics.robot
         link, mass = (self._node.get_parameter(f"payload.{name}").value for name in ("link", "mass"))
         logger.info(f"serving {robot!r}, {f'{mass} kg on {link!r}' if link else 'no payload'}, gravity {robot.gravity}")
-        of_description = [MASSLESS] if self.massless(dynamics) else []
+        of_description = [MASSLESS_WARNING] if self.is_massless(dynamics) else []
         for warning in dict.fromkeys([*of_description, *robot.warnings]):
             logger.warning(f"robot {robot.name!r}: {warning}")
         if self._adopted is not None:
@@ -154,13 +154,13 @@ class RobotSource:
             change()
             return ""
         except RobotDynamicsError as error:
-            self.refusal = str(error)
+            self.rejection_reason = str(error)
         except Exception as error:  # a fault of ours must not take the node, and all that depends on it, down
             self._node.get_logger().error(traceback.format_exc())
-            self.refusal = f"internal error, please report it: {error!r}"
+            self.rejection_reason = f"internal error, please report it: {error!r}"
         kept = f"; the robot {self.name!r} stays loaded" if self._dynamics else ""
-        self._node.get_logger().error(f"robot refused: {self.refusal}{kept}")
-        return self.refusal
+        self._node.get_logger().error(f"robot refused: {self.rejection_reason}{kept}")
+        return self.rejection_reason
 
     def _before_change(self, parameters):
         changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in PARAMETERS}
@@ -194,19 +194,19 @@ class RobotSource:
             self._worker.submit(self._try, change)
 
 
-def typed(name, value):
+def convert_robot_parameter(name, value):
     """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
     if name == "gravity" and np.size(value) == 0:  # an empty list says as little as an empty text
         value = ""
     default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
-    return typed_as(default, name, value, PARAMETERS[name][1])
+    return convert_parameter(default, name, value, PARAMETERS[name][1])
 
 
 def with_payload(robot, settings):
     """The robot with the payload that the parameters describe; where payload.link names no link nothing is carried."""
-    moments = symmetric(*settings["payload.inertia"])
+    moments = symmetric_matrix(*settings["payload.inertia"])
     payload = Inertia(settings["payload.mass"], settings["payload.first_moments"], moments)
     try:
         return robot.with_payload(settings["payload.link"], payload) if settings["payload.link"] else robot
-    except QuestionError as error:
-        raise QuestionError(f"parameter payload.link: {error}") from None
+    except InvalidInputError as error:
+        raise InvalidInputError(f"parameter payload.link: {error}") from None

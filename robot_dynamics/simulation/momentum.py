@@ -33,7 +33,7 @@ def momentum(A, R, rates):
     return Momentum(R @ h[:3], R @ (h[3:] - cross(c, h[:3])))
 
 
-def twist_of(kept, A, R, rates):
+def twist_from_momentum(kept, A, R, rates):
     """The twist (6,) of the base for which the robot has the Momentum `kept`, its joints moving as `rates` say."""
     _, c = centre_of_mass(A)
     P = kept.linear @ R

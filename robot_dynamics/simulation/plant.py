@@ -10,21 +10,21 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import null_space
 
+from robot_dynamics.codegen.jit.compiled_models import PythonProgram
+from robot_dynamics.codegen.jit.compiled_program import compile_program
+from robot_dynamics.codegen.trace.models import frames_model
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import CompilationError, QuestionError
+from robot_dynamics.errors import CompilationError, InvalidInputError
+from robot_dynamics.inputs import Base
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
-from robot_dynamics.question import Base
-from robot_dynamics.simulation.friction import STIFF
-from robot_dynamics.simulation.loops import SINGULAR, ConstrainedMotion, interpolate
-from robot_dynamics.simulation.wheels import Rolling
-from robot_dynamics.symbolic.compiled import compile_program
-from robot_dynamics.symbolic.compiled_models import PythonProgram
-from robot_dynamics.symbolic.models import frames_model
+from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY, ConstrainedMotion, interpolate
+from robot_dynamics.simulation.friction_impulses import STIFF_DAMPING_RATIO
+from robot_dynamics.simulation.wheels import RollingConstraints
 
-BASES = ("fixed", "free", "planar")
+BASE_TYPES = ("fixed", "free", "planar")
 NO_GRAVITY = np.zeros(3)
-RANK = 1e-9  # below which a singular value of constraints is rounding
-HEADING = (0, 5, 1)  # the rows of V0 in which a base that is told how to drive hears: ahead, turning, aside
+RANK_TOLERANCE = 1e-9  # below which a singular value of constraints is rounding
+DRIVE_COMPONENTS = (0, 5, 1)  # the rows of V0 in which a base that is told how to drive hears: ahead, turning, aside
 
 
 class Plant:
@@ -36,17 +36,20 @@ class Plant:
     """
 
     def __init__(self, robot, base, wheels, links, step):
-        if base not in BASES:
-            raise QuestionError(f"base is {base!r}: {', '.join(BASES)} are known")
+        if base not in BASE_TYPES:
+            raise InvalidInputError(f"base is {base!r}: {', '.join(BASE_TYPES)} are known")
         if wheels and base != "planar":
-            raise QuestionError(f"wheels carry a planar base, not a {base} one")
+            raise InvalidInputError(f"wheels carry a planar base, not a {base} one")
         self.base = base
-        self.dry = step * np.array([joint.coulomb_friction for joint in robot.joints])
-        self.viscous = step * np.array([joint.viscous_friction for joint in robot.joints])
-        self.viscous[self.viscous <= STIFF * least_inertias(replace(robot, moving_base=base != "fixed"))] = 0
+        self.dry_impulse_limits = step * np.array([joint.coulomb_friction for joint in robot.joints])
+        self.viscous_impulse_gains = step * np.array([joint.viscous_friction for joint in robot.joints])
+        self.viscous_impulse_gains[
+            self.viscous_impulse_gains
+            <= STIFF_DAMPING_RATIO * minimum_joint_inertias(replace(robot, moving_base=base != "fixed"))
+        ] = 0
         joints = tuple(
             replace(joint, coulomb_friction=0.0, viscous_friction=0.0 if stiff else joint.viscous_friction)
-            for joint, stiff in zip(robot.joints, self.viscous, strict=True)
+            for joint, stiff in zip(robot.joints, self.viscous_impulse_gains, strict=True)
         )
         self.dynamics = Dynamics(replace(robot, joints=joints, moving_base=base != "fixed"))
         self.size = len(self.dynamics.joint_names)
@@ -54,15 +57,15 @@ class Plant:
         self.loops = ConstrainedMotion(self.dynamics) if self._looped else None
         self._links, self._programs, self._inertia = None, {}, {}
         self._places = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
-        self._G = None if self._looped else self.dynamics.expand_rates(np.eye(self.size)).T
+        self._G = None if self._looped else self.dynamics.expand_velocities(np.eye(self.size)).T
         self._coordinates, self._direction = None, None
         length = robot.characteristic_length
         sliding = [length if joint.prismatic else 1.0 for joint in robot.joints]
         self._units = np.array([length] * 3 + [1.0] * 3 + sliding)
-        self.listen_to(links)
-        self._rolling = Rolling(robot, wheels) if base == "planar" else None
+        self.set_wrench_links(links)
+        self._rolling = RollingConstraints(robot, wheels) if base == "planar" else None
         if self._rolling is not None:
-            self._rolling.rows(self.dynamics.closed_positions)  # refuses wheels that do not stand
+            self._rolling.constraint_rows(self.dynamics.initial_joint_positions)  # refuses wheels that do not stand
         self._known = {}  # what constant constraints give, by whether the base is told how to drive
 
     @property
@@ -84,31 +87,33 @@ class Plant:
         def velocities(q):
             return [self.loops.joint_velocities(q, self._at_rates(q, rates)[0])]
 
-        if coordinates.quality > SINGULAR:
+        if coordinates.quality > SINGULAR_QUALITY:
             return velocities(q)[0]
         return interpolate(velocities, self.loops.neighbours(coordinates, q, direction))[0]
 
-    def first_velocities(self, coordinates, q, rates):
+    def initial_velocities(self, coordinates, q, rates):
         """Velocities (all joints,) of a robot with loops that begins at q (all joints,) with rates (6 + n,): those of
         the tangent, as no motion has led there."""
-        chart_rates = self.loops.at(coordinates, q).rates(rates[6:])
+        chart_rates = self.loops.constrained_state(coordinates, q).expand_rates(rates[6:])
         return self.velocities(coordinates, q, rates, self.loops.joint_velocities(q, chart_rates))
 
     def _at_rates(self, q, rates):
         """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
-        return self.unconstrained(q, rates, NO_GRAVITY, np.zeros(len(q)), [np.zeros(6)] * len(self._links))
+        return self.unconstrained_accelerations(
+            q, rates, NO_GRAVITY, np.zeros(len(q)), [np.zeros(6)] * len(self._links)
+        )
 
-    def accelerations_of_motors(self, q, velocities, rates_derivative):
+    def joint_accelerations(self, q, velocities, rates_derivative):
         """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
 
         def accelerations(q):
-            configuration = self.loops.at(self._coordinates, q)
-            drift = configuration.drift(configuration.rates(velocities[self._places]))
-            return configuration.rates(rates_derivative[6:]) + drift
+            configuration = self.loops.constrained_state(self._coordinates, q)
+            drift = configuration.drift(configuration.expand_rates(velocities[self._places]))
+            return configuration.expand_rates(rates_derivative[6:]) + drift
 
-        return self._smooth(accelerations, q)[[*self.loops.motors]]
+        return self._smooth(accelerations, q)[[*self.loops.default_independent]]
 
-    def listen_to(self, links):
+    def set_wrench_links(self, links):
         """Let external wrenches act on the named links."""
         links = tuple(links)
         if links != self._links:
@@ -116,9 +121,9 @@ class Plant:
             if not self._looped:
                 self._use_program("direct", None)
             elif self._coordinates is not None:
-                self.use(self._coordinates, self._direction)
+                self.use_coordinates(self._coordinates, self._direction)
 
-    def use(self, coordinates, velocities):
+    def use_coordinates(self, coordinates, velocities):
         """Take the rates of a robot with loops as those of other coordinates from now on.
 
         coordinates: LoopCoordinates; velocities: (all joints,), the direction of motion, for singular positions.
@@ -139,7 +144,7 @@ class Plant:
         """Names of the links that external wrenches act on, in the order in which `unconstrained` takes them."""
         return self._links
 
-    def unconstrained(self, q, rates, gravity, efforts, wrenches):
+    def unconstrained_accelerations(self, q, rates, gravity, efforts, wrenches):
         """(velocities of the positions q, ν̇ (6 + n,)) where nothing holds a moving base.
 
         q: as programs take it; gravity: (3,) in the base frame; efforts: (n,), of all joints where the robot has loops;
@@ -155,24 +160,26 @@ class Plant:
         found[6:] = outputs[0]
         if base:
             found[:6] = outputs[1]
-            found[:3] -= carried(twist)
+            found[:3] -= convective_acceleration(twist)
         return velocities, found
 
-    def refuse(self, q, rates, efforts):
+    def raise_if_singular(self, q, rates, efforts):
         """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
         base = {} if self.base == "fixed" else {"base": Base(twist=rates[:6])}
-        efforts = efforts[[*self.loops.motors]] if self._looped else efforts
-        with suppress(QuestionError):  # numbers too large, which the caller says
+        efforts = efforts[[*self.loops.default_independent]] if self._looped else efforts
+        with suppress(InvalidInputError):  # numbers too large, which the caller says
             self.dynamics.direct(q, rates[6:], efforts, **base)
 
     def velocity_matrix(self, q):
         """G (all joints, n), from the rates of the independent joints to the velocities of all; of a platform's angles
         in the chart of its attitude."""
-        return self._smooth(lambda q: self.loops.at(self._coordinates, q).G, q) if self._looped else self._G
+        return (
+            self._smooth(lambda q: self.loops.constrained_state(self._coordinates, q).G, q) if self._looped else self._G
+        )
 
     def _smooth(self, function, q):
         """function(q), an array, also at singular positions of loops."""
-        if not self._looped or self._coordinates.quality > SINGULAR:
+        if not self._looped or self._coordinates.quality > SINGULAR_QUALITY:
             return function(q)
         neighbours = self.loops.neighbours(self._coordinates, q, self._direction)
         return interpolate(lambda q: [function(q)], neighbours)[0]
@@ -184,7 +191,7 @@ class Plant:
             self._inertia[self.independent] = program
         return self._smooth(self._inertia[self.independent].evaluate, q)
 
-    def held(self, q, rates, accelerations, told=None, joints=None):
+    def constrain_accelerations(self, q, rates, accelerations, told=None, joints=None):
         """ν̇ (6 + n,) of what is held, from that of `unconstrained` (Gauss's principle of least constraint).
 
         told: (6,) derivative of the twist that a drive gives the base, as far as wheels can; joints: (n,) accelerations
@@ -205,7 +212,7 @@ class Plant:
         given = solver @ np.concatenate(wanted)
         return given + self._response(q, N) @ (self.inertia_matrix(q) @ (accelerations - given))
 
-    def allowed(self, q, rates, joints=False):
+    def project_onto_constraints(self, q, rates, joints=False):
         """The rates (6 + n,) nearest to these, by their energy, that the constraints allow. joints: whether those of
         the joints stay."""
         if self._rolling is None:
@@ -214,7 +221,7 @@ class Plant:
         given = solver @ np.concatenate([np.zeros_like(drift), rates[6:]]) if joints else np.zeros_like(rates)
         return given + self._response(q, N) @ (self.inertia_matrix(q) @ (rates - given))
 
-    def response(self, q, rates, told=False):
+    def impulse_response(self, q, rates, told=False):
         """(6 + n, 6 + n) what rates change by for unit impulses. told: whether a drive moves the base."""
         if self.base == "fixed":
             found = np.zeros((6 + self.size, 6 + self.size))
@@ -227,7 +234,7 @@ class Plant:
         """N (Nᵀ A N)⁻¹ Nᵀ."""
         return N @ np.linalg.solve(N.T @ self.inertia_matrix(q) @ N, N.T)
 
-    def begun(self, q, rates, of_base):
+    def initial_rates(self, q, rates, has_base_motion):
         """Rates (6 + n,) that the constraints allow, to begin with: where it is said how the base moves (of_base) the
         wheels follow, else the base follows the joints."""
         if self._rolling is None:
@@ -236,7 +243,7 @@ class Plant:
         N = null_space(C)
         wheels = [6 + k for k in range(self.size) if self._places[k] in self._rolling.joints]
         others = [k for k in range(6, 6 + self.size) if k not in wheels]
-        asked = [*self._heard(N), *others] if of_base else slice(6, None)
+        asked = [*self._heard(N), *others] if has_base_motion else slice(6, None)
         return N @ np.linalg.lstsq(N[asked], rates[asked], rcond=None)[0]
 
     def residual(self, q, rates):
@@ -245,17 +252,19 @@ class Plant:
 
     def _rows(self, q, rates):
         """(C (m, 6 + n), Ċ ν (m,))."""
-        everyone, G = q if self._looped else self.dynamics.expand(q), self.velocity_matrix(q)
+        everyone, G = q if self._looped else self.dynamics.expand_positions(q), self.velocity_matrix(q)
         qd = G @ rates[6:]
-        C, turned = self._rolling.rows(everyone, qd)
+        C, turned = self._rolling.constraint_rows(everyone, qd)
         drift = turned @ np.concatenate([rates[:6], qd])
         if self._looped:
-            drift = drift + C[:, 6:] @ self._smooth(lambda q: self.loops.at(self._coordinates, q).drift(qd), q)
+            drift = drift + C[:, 6:] @ self._smooth(
+                lambda q: self.loops.constrained_state(self._coordinates, q).drift(qd), q
+            )
         return np.concatenate([C[:, :6], C[:, 6:] @ G], axis=1), drift
 
     def _constraint(self, q, rates, told, joints):
         """(N, C⁺, rows of the twist that are told, Ċ ν), kept where they never change."""
-        constant = self._rolling is None or (self._rolling.constant and not self._looped)
+        constant = self._rolling is None or (self._rolling.is_constant and not self._looped)
         if constant and (told, joints) in self._known:
             return self._known[told, joints]
         unit = np.eye(6 + self.size)
@@ -263,7 +272,7 @@ class Plant:
         heard = self._heard(null_space(C)) if told else []
         C = np.concatenate([C, unit[heard], unit[6:] if joints else unit[:0]])
         U, sizes, V = np.linalg.svd(C)
-        rank = int(np.sum(sizes > RANK * sizes[0]))
+        rank = int(np.sum(sizes > RANK_TOLERANCE * sizes[0]))
         solver = (V[:rank].T / sizes[:rank]) @ U[:, :rank].T
         found = V[rank:].T, solver, heard, drift
         if constant:
@@ -273,13 +282,13 @@ class Plant:
     def _heard(self, N):
         """Rows of the twist of the base that can be told independently for rates N u."""
         heard = []
-        for row in HEADING:
-            if np.linalg.matrix_rank(N[[*heard, row]], tol=RANK) > len(heard):
+        for row in DRIVE_COMPONENTS:
+            if np.linalg.matrix_rank(N[[*heard, row]], tol=RANK_TOLERANCE) > len(heard):
                 heard.append(row)
         return heard
 
 
-def least_inertias(robot):
+def minimum_joint_inertias(robot):
     """(all joints,) about the least inertia that a joint may have to move: everything else free to give way."""
     free = replace(robot, loops=(), platforms=(), joints=tuple(replace(joint, mimic=None) for joint in robot.joints))
     A = inertia_matrix(free, np.array([joint.initial_position for joint in robot.joints]))
@@ -287,13 +296,13 @@ def least_inertias(robot):
         return 1 / np.diagonal(np.linalg.pinv(A))[len(A) - len(robot.joints) :]
 
 
-def carried(twist):
+def convective_acceleration(twist):
     """ω × v (3,): what the classical acceleration of the base has beside the derivative of v in the base frame."""
     a, b, c, x, y, z = twist.tolist()
     return np.array([y * c - z * b, z * a - x * c, x * b - y * a])
 
 
-class Frames:
+class FrameKinematics:
     """Where named frames are and how they move: a compiled program.
 
     independent: numbers of the joints that rates belong to, None for those of Dynamics.

@@ -9,17 +9,17 @@ from math import cos, sin, sqrt
 
 import numpy as np
 
-LARGEST = 1e6  # [rad²] beyond which a rotation within a step means nothing: the step diverges
-SMALL = 0.05  # [rad²] below which the series are exact to rounding
+MAX_SQUARED_ANGLE = 1e6  # [rad²] beyond which a rotation within a step means nothing: the step diverges
+SERIES_SQUARED_ANGLE = 0.05  # [rad²] below which the series are exact to rounding
 
 
 def exponential(phi):
     """exp(φ̂) (3, 3) = I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂² of a rotation vector φ (3,), θ = |φ|; nan beyond LARGEST."""
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
-    if not square < LARGEST:
+    if not square < MAX_SQUARED_ANGLE:
         return np.full((3, 3), np.nan)
-    if square < SMALL:
+    if square < SERIES_SQUARED_ANGLE:
         s = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
         c = 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90 * (1 - square / 132))))
     else:
@@ -39,9 +39,9 @@ def rotation_vector_rate(phi, omega):
     k = (1 - θ/2 cot θ/2)/θ²; nan beyond LARGEST."""
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
-    if not square < LARGEST:
+    if not square < MAX_SQUARED_ANGLE:
         return [np.nan] * 3
-    if square < SMALL:
+    if square < SERIES_SQUARED_ANGLE:
         k = 1 / 12 + square / 720 * (1 + square / 42 * (1 + square / 40 * (1 + square * 10 / 396)))
     else:
         half = sqrt(square) / 2
@@ -55,6 +55,6 @@ def rotation_vector_rate(phi, omega):
     ]
 
 
-def orthonormal(R):
+def orthonormalize(R):
     """R (3, 3) with its rounding taken off: a step of Newton's method to the rotation nearest to it."""
     return R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))

@@ -24,8 +24,8 @@ STAGES = (
 WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
-MIDDLE = (4, 5)  # the stages whose slopes estimate the error
-SHIFTED = 4 / 15  # the weight that the embedded method shifts from one to the other
+ERROR_STAGES = (4, 5)  # the stages whose slopes estimate the error
+ERROR_WEIGHT = 4 / 15  # the weight that the embedded method shifts from one to the other
 
 
 def increment(derivative, time, y, step):
@@ -34,5 +34,5 @@ def increment(derivative, time, y, step):
     slopes[0] = derivative(time, y)
     for stage, weights in enumerate(STAGES, start=1):
         slopes[stage] = derivative(time + NODES[stage] * step, y + (step * weights) @ slopes[:stage])
-    first, second = MIDDLE
-    return (step * WEIGHTS) @ slopes, step * SHIFTED * (slopes[second] - slopes[first])
+    first, second = ERROR_STAGES
+    return (step * WEIGHTS) @ slopes, step * ERROR_WEIGHT * (slopes[second] - slopes[first])

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.simulation.loops import LoopCoordinates
+from robot_dynamics.simulation.constrained_motion import LoopCoordinates
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError, QuestionError, unknown_name
+from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
 from robot_dynamics.model.inertia import skew
-from robot_dynamics.newton_euler.kinematics import place
+from robot_dynamics.newton_euler.kinematics import joint_placement
 from robot_dynamics.newton_euler.screw import cross
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
-IN_PLANE = np.eye(6)[[2, 3, 4]]  # rows of V0 that a base in its plane has not: z, and turning about x and y
-HORIZONTAL = 1e-6  # how far the axle may point out of the plane
-TINY = 1e-30  # of the complex step, by which derivatives have no rounding
+PLANAR_BASE_ROWS = np.eye(6)[[2, 3, 4]]  # rows of V0 that a base in its plane has not: z, and turning about x and y
+AXLE_TOLERANCE = 1e-6  # how far the axle may point out of the plane
+COMPLEX_STEP = 1e-30  # of the complex step, by which derivatives have no rounding
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Wheel:
             raise DescriptionError(f"wheel {self.joint!r}: roller_angle is {self.roller_angle!r}, an angle is needed")
 
 
-class Rolling:
+class RollingConstraints:
     """The rows C (m, 6 + all joints) that the wheels of a robot stand for.
 
     joints: numbers of those that the wheels turn about; constant: whether C is the same wherever the joints are, as no
@@ -51,7 +51,7 @@ class Rolling:
         self._robot, self._wheels = robot, tuple(wheels)
         self._ways = [self._way(wheel) for wheel in self._wheels]
         self.joints = [way[-1] for way in self._ways]
-        self.constant = all(len(way) == 1 for way in self._ways)
+        self.is_constant = all(len(way) == 1 for way in self._ways)
         names = [wheel.joint for wheel in self._wheels]
         if len(set(names)) < len(names):
             raise DescriptionError(f"wheels {', '.join(names)}: each joint is one wheel at most")
@@ -59,26 +59,26 @@ class Rolling:
     def _way(self, wheel):
         numbers = self._robot.joint_numbers
         if wheel.joint not in numbers:
-            raise DescriptionError(f"wheel: {unknown_name('joint', wheel.joint, numbers)}")
+            raise DescriptionError(f"wheel: {describe_unknown_name('joint', wheel.joint, numbers)}")
         joint = self._robot.joints[numbers[wheel.joint]]
         if joint.prismatic:
             raise DescriptionError(f"wheel {wheel.joint!r}: the joint slides, a wheel turns")
-        return sorted(self._robot.way(numbers[wheel.joint] + 1))
+        return sorted(self._robot.path_to_base(numbers[wheel.joint] + 1))
 
-    def rows(self, q, qd=None):
+    def constraint_rows(self, q, qd=None):
         """(C, Ċ) (m, 6 + joints) at positions q and velocities qd (joints,) of all joints, Ċ by a complex step."""
-        placed = self._placed(q if qd is None else q + 1j * TINY * qd)
-        rows = [np.concatenate([IN_PLANE, np.zeros((3, len(q)))], axis=1)]
+        placed = self._placed(q if qd is None else q + 1j * COMPLEX_STEP * qd)
+        rows = [np.concatenate([PLANAR_BASE_ROWS, np.zeros((3, len(q)))], axis=1)]
         rows += [self._wheel_rows(wheel, way, placed) for wheel, way in zip(self._wheels, self._ways, strict=True)]
         rows = np.concatenate(rows)
-        return rows.real.copy(), rows.imag / TINY
+        return rows.real.copy(), rows.imag / COMPLEX_STEP
 
     def _placed(self, q):
         """{link: (R (3, 3), P (3,))} of the links between wheels and base, in frame 0."""
         placed = {0: (np.eye(3), np.zeros(3))}
         for number in sorted(set().union(*self._ways)):
             joint = self._robot.joints[number]
-            R, P = place(joint, q[number : number + 1])
+            R, P = joint_placement(joint, q[number : number + 1])
             R_i, P_i = placed[joint.antecedent]
             placed[number + 1] = R_i @ R, P_i + R_i @ P
         return placed
@@ -88,8 +88,8 @@ class Rolling:
         link = way[-1] + 1
         R, P = placed[link]
         axle = R[:, 2]
-        if abs(axle[2]) > HORIZONTAL:
-            raise QuestionError(f"wheel {wheel.joint!r}: its axle points out of the plane of the base")
+        if abs(axle[2]) > AXLE_TOLERANCE:
+            raise InvalidInputError(f"wheel {wheel.joint!r}: its axle points out of the plane of the base")
         touching = P + R @ robot.frame(robot.links[link].name).placement[:3, 3] - wheel.radius * VERTICAL
         rows = np.zeros((3, 6 + len(robot.joints)), dtype=R.dtype)
         rows[:, :3], rows[:, 3:6] = np.eye(3), -skew(touching)

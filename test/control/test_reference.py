@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import BPoly
 
-from robot_dynamics import QuestionError
-from robot_dynamics.control.reference import Point, Trajectory
+from robot_dynamics import InvalidInputError
+from robot_dynamics.control.reference import ReferencePoint, Trajectory
 
 RNG = np.random.default_rng(3)
 
@@ -52,7 +52,7 @@ def test_it_stands_at_both_ends_and_may_be_sampled_backwards():
 
 
 def test_a_point_goes_on_as_it_moves():
-    point = Point(10.0, [[1.0], [2.0], [3.0]], lasts=0.5)
+    point = ReferencePoint(10.0, [[1.0], [2.0], [3.0]], lifetime=0.5)
     np.testing.assert_allclose(sampled(point, 10.2, 1), [[1 + 0.4 + 0.06], [2.6], [3]])
     assert point.end == 10.5
 
@@ -67,5 +67,5 @@ def test_a_point_goes_on_as_it_moves():
     ],
 )
 def test_what_is_no_trajectory_is_refused(times, positions, velocities, said):
-    with pytest.raises(QuestionError, match=said):
+    with pytest.raises(InvalidInputError, match=said):
         Trajectory(times, positions, velocities)

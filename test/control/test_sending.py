@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.control.controller import Controller, Settings
-from robot_dynamics.control.law import Law, driven_joints
 from robot_dynamics.control.sending import send_in_time
 
 DYNAMICS = Dynamics(load_robot("panda"), compiled=False)
@@ -20,7 +20,7 @@ class Sender:
 
     def __init__(self, *durations):
         self.durations, self.now, self.left, self.calls = list(durations), 0.0, [], 0
-        law = Law(DYNAMICS, driven_joints(DYNAMICS))
+        law = ControlLaw(DYNAMICS, actuated_joint_names(DYNAMICS))
         kp, kd, limits = np.full(7, 100.0), np.full(7, 20.0), np.full(7, np.inf)
         self.controller = Controller(law, Settings("gravity_compensation", kp, kd, limits, ramp_time=RAMP))
 

@@ -14,14 +14,14 @@ from peers.real_robots import real_urdf, without_inertials
 from peers.scanned import rank_of_efforts
 
 from robot_dynamics import Base, Dynamics, Robot, load_robot
+from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.identification.base_parameters import base_parameters
-from robot_dynamics.identification.motions import loop_motions, random_motions
+from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.library import shipped_robots
-from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.loading import shipped_robots
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.robot import Frame, Link
-from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.newton_euler.regressor import parameters
 
 SEEDS = int(os.environ.get("SEEDS", "2"))
@@ -30,7 +30,7 @@ SEEDS = int(os.environ.get("SEEDS", "2"))
 def test_rx90_has_the_published_forty_and_its_frictions():
     found = base_parameters(Dynamics(load_robot("rx90"), compiled=False))
     inertial = [name for name in found.expressions if name[:2] not in ("Fv", "Fs")]
-    assert len(inertial) == 40 and len(found.kept) == 52
+    assert len(inertial) == 40 and len(found.independent) == 52
 
 
 def test_a_description_without_masses_has_the_same_base_parameters():
@@ -40,7 +40,9 @@ def test_a_description_without_masses_has_the_same_base_parameters():
     assert "<inertial>" in whole and "inertial" not in bare
     found, expected = (base_parameters(Dynamics(load_robot(text), compiled=False)) for text in (bare, whole))
     assert found.expressions == expected.expressions
-    assert len([name for name in found.expressions if name[:2] not in ("Fv", "Fs")]) == 48 and len(found.kept) == 62
+    assert (
+        len([name for name in found.expressions if name[:2] not in ("Fv", "Fs")]) == 48 and len(found.independent) == 62
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -61,11 +63,11 @@ def test_efforts_of_robots_with_loops_come_from_their_base_parameters(seed):
     assert np.abs((Y @ dynamics.parameters)[-len(expected) :] - expected).max() < 1e-8 * scale
     fewer = found.regressor(Y) @ found.values(dynamics.parameters)
     assert np.abs(fewer[-len(expected) :] - expected).max() < 1e-7 * scale
-    motions = random_motions(dynamics, 60, seed=1)
+    motions = sample_random_motions(dynamics, 60, seed=1)
     rows = dynamics.regressor(motions.q, motions.qd, motions.qdd, base=motions.base).reshape(-1, len(found.names))
     lengths = np.linalg.norm(rows, axis=0)
     rows = rows[:, lengths > 1e-10 * lengths.max()] / lengths[lengths > 1e-10 * lengths.max()]
-    assert np.linalg.matrix_rank(rows, tol=1e-8) == len(found.kept)
+    assert np.linalg.matrix_rank(rows, tol=1e-8) == len(found.independent)
 
 
 @pytest.mark.parametrize("name", shipped_robots())
@@ -75,9 +77,9 @@ def test_as_many_as_the_rank_by_another_way_of_sampling_at_every_seed(name):
     rank, fall = rank_of_efforts(dynamics, max(60, 3 * len(dynamics.parameter_names) // len(dynamics.joint_names)), 5)
     assert fall > 1e4  # which it is not where states cover too little
     found = [base_parameters(dynamics, seed) for seed in range(SEEDS)]
-    assert [len(each.kept) for each in found] == [rank] * SEEDS
+    assert [len(each.independent) for each in found] == [rank] * SEEDS
     for each in found:
-        assert each.kept == found[0].kept and each.gap[0] > 1e4 * each.gap[1]
+        assert each.independent == found[0].independent and each.gap[0] > 1e4 * each.gap[1]
         # the least singular value that counts says how sharp the coefficients are
         assert np.abs(each.K - found[0].K).max(initial=0) < 1e-13 / each.gap[0] * max(
             1.0, np.abs(each.K).max(initial=0)
@@ -89,8 +91,8 @@ def test_efforts_all_over_the_range_come_from_the_base_parameters_of_loops(name)
     """Along the whole turn of the motor, followed from home, which the search for them did not."""
     dynamics = Dynamics(load_robot(name))
     found, rng = base_parameters(dynamics, 1), np.random.default_rng(3)
-    start = dynamics.closed_positions[dynamics.robot.joint_numbers[dynamics.joint_names[0]]]
-    q = dynamics.follow(start + np.linspace(0, 0.9, 40)[:, None])
+    start = dynamics.initial_joint_positions[dynamics.robot.joint_numbers[dynamics.joint_names[0]]]
+    q = dynamics.expand_trajectory(start + np.linspace(0, 0.9, 40)[:, None])
     Y = dynamics.regressor(q, *rng.uniform(-3, 3, (2, len(q), 1)))
     for _ in range(3):  # bodies of any kind
         theta = rng.normal(size=len(found.names))
@@ -106,7 +108,7 @@ SCARA = "RRPR", [(0, 0, 0), (0, 0.35, 0), (0, 0.3, 0), (0, 0, 0)]
 
 def serial(kinds, rows, gravity=(0.0, 0.0, -9.81), moving_base=False):
     """An arm of joints that turn (R) and slide (P); rows: (alpha, d, r) of each."""
-    joints = [Joint(f"joint_{j}", j - 1, kind == "P", placement_of(Row(alpha=alpha, d=d, r=r)))
+    joints = [Joint(f"joint_{j}", j - 1, kind == "P", placement_from_mdh(MDHParameters(alpha=alpha, d=d, r=r)))
               for j, (kind, (alpha, d, r)) in enumerate(zip(kinds, rows, strict=True), start=1)]  # fmt: skip
     links = [Link(name, Inertia()) for name in ("base", *(f"link_{j}" for j in range(1, len(joints) + 1)))]
     frames = tuple(Frame(link.name, number, np.eye(4)) for number, link in enumerate(links))
@@ -154,7 +156,7 @@ def test_counts_are_those_of_the_literature(robot, bodies, with_rotors):
     dynamics = Dynamics(robot, compiled=False)
     for seed in range(3):
         found = base_parameters(dynamics, seed)
-        kinds = [found.names[number].partition(".")[0] for number in found.kept]
+        kinds = [found.names[number].partition(".")[0] for number in found.independent]
         assert kinds.count("Fv") == kinds.count("Fs") == len(robot.joints)
         assert len(kinds) - sum(map(kinds.count, ("Ia", "Fv", "Fs"))) == bodies
         if with_rotors is not None:
@@ -165,7 +167,7 @@ def test_motions_of_loops_keep_them_closed_within_limits_and_in_their_branch():
     """Of a flat parallelogram, of which the coupler keeps its direction: as an antiparallelogram it would not."""
     for name in ("sr400", "delta_wrist", "bricard"):
         robot = load_robot(name)
-        motions = loop_motions(robot, 200, seed=4)
+        motions = sample_loop_motions(robot, 200, seed=4)
         equations = loop_equations(robot, motions.q, motions.qd)
         assert np.abs(equations.residual).max() < 1e-10
         velocity = (equations.jacobian @ motions.qd[..., None])[..., 0]
@@ -175,7 +177,7 @@ def test_motions_of_loops_keep_them_closed_within_limits_and_in_their_branch():
         assert ((motions.q >= limits[0] - 1e-12) & (motions.q <= limits[1] + 1e-12)).all()
     for mode in (1, -1):
         linkage = replace(random_four_bar(3), crank=0.2, rocker=0.2, coupler=0.4, ground=0.4, mode=mode)
-        q = loop_motions(linkage.robot(np.array([1.0])), 500).q
+        q = sample_loop_motions(linkage.robot(np.array([1.0])), 500).q
         turned = np.cos(q[:, 0] + q[:, 1])  # the crank's joint and the coupler's: the coupler, to the ground
         parallel = abs(linkage.link_angles(np.array([1.0]))[1]) < 1e-9
         assert (np.ptp(turned) < 1e-9) == parallel
@@ -197,7 +199,7 @@ def test_motions_cover_what_a_four_bar_reaches_dead_points_of_the_crank_included
             break
     linkage = replace(random_four_bar(seed), crank=crank, coupler=coupler, rocker=rocker, ground=ground)
     start = np.array([(first + last) / 2])
-    q = loop_motions(linkage.robot(start), 1000).q
+    q = sample_loop_motions(linkage.robot(start), 1000).q
     turned = np.abs(np.angle(np.exp(1j * q[:, 0])))
     assert first - 1e-9 <= turned.min() < first + 0.05 * (last - first) + 1e-9
     assert last - 0.05 * (last - first) - 1e-9 < turned.max() <= last + 1e-9
@@ -219,7 +221,7 @@ def test_parameters_of_the_rocker_of_a_four_bar_join_those_of_crank_and_coupler(
     found = base_parameters(Dynamics(linkage.robot(linkage.independent), compiled=False))
     names = list(found.names)
     column = found.dependent.index(names.index("MX.rocker"))
-    share = {names[kept]: found.K[row, column] for row, kept in enumerate(found.kept)}
+    share = {names[kept]: found.K[row, column] for row, kept in enumerate(found.independent)}
     assert share["MX.crank"] == pytest.approx(linkage.crank / linkage.rocker, rel=1e-7)
     assert share["MX.coupler"] == pytest.approx(linkage.coupler / linkage.rocker, rel=1e-7)
 
@@ -227,7 +229,7 @@ def test_parameters_of_the_rocker_of_a_four_bar_join_those_of_crank_and_coupler(
 def test_compiled_regressor_is_that_of_the_recursion():
     looped = random_loops(3, loops=1, kinds=("planar",), moving_base=True)
     dynamics = Dynamics(looped.robot, compiled=False)
-    motions = random_motions(dynamics, 20)
+    motions = sample_random_motions(dynamics, 20)
     expected = dynamics.regressor(motions.q, motions.qd, motions.qdd, base=motions.base)
     R = np.swapaxes(motions.base.pose[:, :3, :3], 1, 2)
     gravity = R @ looped.robot.gravity

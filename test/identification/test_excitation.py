@@ -20,19 +20,19 @@ from peers.recorded import JOINTS, panda_model
 from scipy.optimize import minimize
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.commands.main import main
-from robot_dynamics.errors import QuestionError
+from robot_dynamics.cli.main import main
+from robot_dynamics.codegen.trace.derivatives import DifferentiableProgram
+from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.identification import excitation
-from robot_dynamics.identification.condition import LogCondition
-from robot_dynamics.identification.effort_columns import effort_columns
-from robot_dynamics.identification.excitation import TrajectoryFamily, exciting_trajectory, joint_bounds
-from robot_dynamics.identification.fitting import fitted
+from robot_dynamics.identification.condition_number import LogConditionNumber
+from robot_dynamics.identification.excitation import TrajectoryParametrization, design_excitation, joint_bounds
+from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.samples import Samples
-from robot_dynamics.replay.drives import direct_drives
-from robot_dynamics.replay.motions import Motion
-from robot_dynamics.symbolic.derivatives import DifferentiableProgram
+from robot_dynamics.recordings.drives import direct_drives
+from robot_dynamics.recordings.joint_motions import Motion
 
-COLUMNS = effort_columns(Dynamics(load_robot("panda")), direct_drives(JOINTS))
+COLUMNS = build_identification_model(Dynamics(load_robot("panda")), direct_drives(JOINTS))
 ACCELERATION = 8.0
 BOUNDS = joint_bounds(COLUMNS.dynamics, ACCELERATION)
 RATE = 50.0
@@ -40,12 +40,12 @@ RATE = 50.0
 
 @pytest.fixture(scope="module")
 def exciting():
-    return exciting_trajectory(COLUMNS, BOUNDS, iterations=12)
+    return design_excitation(COLUMNS, BOUNDS, iterations=12)
 
 
 @pytest.fixture(scope="module")
 def random():
-    family, chance = TrajectoryFamily(BOUNDS, 20.0, 5), np.random.default_rng(11)
+    family, chance = TrajectoryParametrization(BOUNDS, 20.0, 5), np.random.default_rng(11)
     return [family(family.random(chance)) for _ in range(12)]
 
 
@@ -70,7 +70,7 @@ def test_limits_are_kept_between_the_points_of_the_grid_too(exciting, random):
 
 
 def condition(trajectory):
-    X = COLUMNS.rows_at(*trajectory(np.arange(1000) / 50.0)).reshape(7000, -1)
+    X = COLUMNS.regressor_at(*trajectory(np.arange(1000) / 50.0)).reshape(7000, -1)
     return np.linalg.cond(X / np.linalg.norm(X, axis=0))
 
 
@@ -94,9 +94,9 @@ def central_differences(function, x, step=1e-6):
 @pytest.mark.parametrize("acceleration", [np.inf, 8.0, 2.0])
 def test_gradient_of_the_condition_number_by_the_numbers_of_a_trajectory(acceleration):
     """Whichever bound is the narrow one, that of position, velocity or acceleration."""
-    family = TrajectoryFamily(joint_bounds(COLUMNS.dynamics, acceleration), 20.0, 5)
+    family = TrajectoryParametrization(joint_bounds(COLUMNS.dynamics, acceleration), 20.0, 5)
     numbers = family.random(np.random.default_rng(5))
-    criterion = LogCondition(COLUMNS, np.full(7, 0.1))
+    criterion = LogConditionNumber(COLUMNS, np.full(7, 0.1))
 
     def value(numbers):
         return criterion.with_gradient(*family(numbers)(TIMES))[0]
@@ -107,7 +107,7 @@ def test_gradient_of_the_condition_number_by_the_numbers_of_a_trajectory(acceler
     assert np.abs(found - expected).max() < 1e-4 * np.abs(expected).max()
     assert criterion(*family(numbers)(TIMES)) == pytest.approx(value(numbers), abs=1e-9)
     exact = np.log(condition_at(family(numbers), TIMES))
-    assert LogCondition(COLUMNS)(*family(numbers)(TIMES)) == pytest.approx(exact, abs=1e-9)
+    assert LogConditionNumber(COLUMNS)(*family(numbers)(TIMES)) == pytest.approx(exact, abs=1e-9)
 
 
 def test_gradient_where_motors_are_coupled():
@@ -115,10 +115,10 @@ def test_gradient_where_motors_are_coupled():
     ratios = np.eye(7)
     ratios[5, 4] = -0.5
     drives = replace(direct_drives(JOINTS), ratios=ratios)
-    columns = effort_columns(COLUMNS.dynamics, drives)
+    columns = build_identification_model(COLUMNS.dynamics, drives)
     assert len(columns.names) == len(COLUMNS.names) + 3
     rng = np.random.default_rng(6)
-    motion, criterion = list(rng.uniform(-1, 1, (3, 30, 7))), LogCondition(columns, np.full(7, 0.3))
+    motion, criterion = list(rng.uniform(-1, 1, (3, 30, 7))), LogConditionNumber(columns, np.full(7, 0.3))
     _, gradients = criterion.with_gradient(*motion)
     for place, found in enumerate(gradients):
         for sample, joint in ((0, 1), (7, 4), (12, 5), (29, 2)):
@@ -129,19 +129,21 @@ def test_gradient_where_motors_are_coupled():
                 values.append(criterion.with_gradient(*moved)[0])
             expected = (values[0] - values[1]) / 2e-5
             assert found[sample, joint] == pytest.approx(expected, abs=1e-7 + 1e-5 * abs(expected))
-    X = columns.rows_at(*motion).reshape(210, -1)
+    X = columns.regressor_at(*motion).reshape(210, -1)
     s = np.linalg.svd(X / np.linalg.norm(X, axis=0), compute_uv=False)
-    assert LogCondition(columns)(*motion) == pytest.approx(np.log(s[0] / s[-1]), abs=1e-6)
+    assert LogConditionNumber(columns)(*motion) == pytest.approx(np.log(s[0] / s[-1]), abs=1e-6)
 
 
 def test_efforts_without_gravity_are_refused():
-    columns = effort_columns(COLUMNS.dynamics, replace(direct_drives(JOINTS), excludes_gravity=True), compiled=False)
-    with pytest.raises(QuestionError, match="gravity is a part of"):
-        exciting_trajectory(columns, BOUNDS)
+    columns = build_identification_model(
+        COLUMNS.dynamics, replace(direct_drives(JOINTS), excludes_gravity=True), compiled=False
+    )
+    with pytest.raises(InvalidInputError, match="gravity is a part of"):
+        design_excitation(columns, BOUNDS)
 
 
 def condition_at(trajectory, times):
-    X = COLUMNS.rows_at(*trajectory(times)).reshape(7 * len(times), -1)
+    X = COLUMNS.regressor_at(*trajectory(times)).reshape(7 * len(times), -1)
     return np.linalg.cond(X / np.linalg.norm(X, axis=0))
 
 
@@ -155,18 +157,18 @@ def test_it_ends_no_worse_than_finite_differences_with_a_tenth_of_the_evaluation
         return counted(self, *motion)
 
     monkeypatch.setattr(DifferentiableProgram, "evaluate", count)
-    found = exciting_trajectory(COLUMNS, BOUNDS, iterations=10, seed=3)
-    by_gradients = evaluations[0] - excitation.BEGINNINGS
-    family, chance = TrajectoryFamily(BOUNDS, 20.0, 5), np.random.default_rng(3)
-    criterion = LogCondition(COLUMNS)
+    found = design_excitation(COLUMNS, BOUNDS, iterations=10, seed=3)
+    by_gradients = evaluations[0] - excitation.INITIAL_TRAJECTORIES
+    family, chance = TrajectoryParametrization(BOUNDS, 20.0, 5), np.random.default_rng(3)
+    criterion = LogConditionNumber(COLUMNS)
 
     def value(numbers):
         return criterion(*family(numbers)(TIMES))
 
-    beginnings = [family.random(chance) for _ in range(excitation.BEGINNINGS)]
+    beginnings = [family.random(chance) for _ in range(excitation.INITIAL_TRAJECTORIES)]
     evaluations[0] = 0
     search = minimize(value, min(beginnings, key=value), method="BFGS", options={"maxiter": 10, "eps": 0.03})
-    by_differences = evaluations[0] - excitation.BEGINNINGS
+    by_differences = evaluations[0] - excitation.INITIAL_TRAJECTORIES
     print(f"condition number {found.condition:.3f} of {by_gradients} evaluations, by finite differences "
           f"{np.exp(search.fun):.3f} of {by_differences}")  # fmt: skip
     assert found.iterations == 10 and found.complete
@@ -176,18 +178,18 @@ def test_it_ends_no_worse_than_finite_differences_with_a_tenth_of_the_evaluation
 
 def test_a_time_limit_gives_the_best_trajectory_so_far(monkeypatch):
     told, estimates = [], []
-    found = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, estimated=estimates.append,
-                                told=lambda *each: told.append(each))  # fmt: skip
+    found = design_excitation(COLUMNS, BOUNDS, iterations=4, on_estimate=estimates.append,
+                                on_iteration=lambda *each: told.append(each))  # fmt: skip
     assert found.complete and found.iterations == 4 and [done for done, _ in told] == [1, 2, 3, 4]
     assert [value for _, value in told] == sorted((value for _, value in told), reverse=True)
     assert len(estimates) == 1 and estimates[0] > 0
-    at_once = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, time_limit=1e-9)
+    at_once = design_excitation(COLUMNS, BOUNDS, iterations=4, time_limit=1e-9)
     assert not at_once.complete and at_once.iterations == 0 and at_once.condition >= found.condition
     assert_within_limits(*at_once.trajectory(np.linspace(0, 20, 2001)))
     now, clock = time.monotonic(), []
     monkeypatch.setattr(excitation.time, "monotonic", lambda: now + (10.0 if clock else 0.0))
-    cut = exciting_trajectory(COLUMNS, BOUNDS, iterations=4, time_limit=5.0,
-                              told=lambda done, _: clock.append(1) if done == 2 else None)  # fmt: skip
+    cut = design_excitation(COLUMNS, BOUNDS, iterations=4, time_limit=5.0,
+                              on_iteration=lambda done, _: clock.append(1) if done == 2 else None)  # fmt: skip
     assert not cut.complete and cut.iterations == 2 and cut.condition == told[1][1]
 
 
@@ -197,7 +199,7 @@ def test_on_a_terminal_it_shows_how_far_it_is_and_says_when_time_is_over(tmp_pat
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", 24, 100, 0, 0))  # of a new one the size is zero
     path = tmp_path / "trajectory.csv"
     with (tmp_path / "out").open("w") as out, (tmp_path / "shown").open("wb") as shown:
-        command = [sys.executable, "-m", "robot_dynamics.commands.main", "excite", "panda", "--output", str(path)]
+        command = [sys.executable, "-m", "robot_dynamics.cli.main", "excite", "panda", "--output", str(path)]
         process = Popen([*command, "--iterations", "60"], stdout=out, stderr=terminal)
         os.close(terminal)
         while True:
@@ -241,25 +243,25 @@ class Simulated:
         efforts += 1.5 * qd + 0.5 * np.sign(qd) + NOISE * np.random.default_rng(seed).normal(size=q.shape)
         self.motion = Motion(0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(7, dtype=bool))
 
-    def motions(self, tally, *, cutoff=None):
+    def motions(self, statistics, *, cutoff=None):
         yield self.motion
 
 
 def test_it_makes_parameters_more_certain(exciting, random):
     """The deviations that are told, and the errors that there are."""
-    truth = COLUMNS.from_parameters @ COLUMNS.dynamics.parameters
+    truth = COLUMNS.grouping_matrix @ COLUMNS.dynamics.parameters
     for number, name in enumerate(COLUMNS.names[: len(truth)]):
         truth[number] += {"Fv": 1.5, "Fs": 0.5}.get(name.partition(".")[0], 0)
     truth = np.concatenate([truth, np.zeros(7)])
     usual = np.argsort([condition(trajectory) for trajectory in random])[len(random) // 2]
-    deviations, errors = [], []
+    standard_deviations, errors = [], []
     for trajectory in (exciting[0], random[usual]):
-        fits = [fitted(Samples([Simulated(trajectory, seed)], COLUMNS)) for seed in range(4)]
-        deviations.append(np.exp(np.mean([np.log(fit.deviations) for fit in fits], axis=0)))
+        fits = [fit_parameters(Samples([Simulated(trajectory, seed)], COLUMNS)) for seed in range(4)]
+        standard_deviations.append(np.exp(np.mean([np.log(fit.standard_deviations) for fit in fits], axis=0)))
         errors.append(np.sqrt(np.mean([(fit.values - truth) ** 2 for fit in fits], axis=0)))
-    gains = [np.exp(np.mean(np.log(by_chance / best))) for best, by_chance in (deviations, errors)]
+    gains = [np.exp(np.mean(np.log(by_chance / best))) for best, by_chance in (standard_deviations, errors)]
     print(f"deviations {gains[0]:.2f} times smaller than by chance, errors {gains[1]:.2f} times")
-    assert gains[0] > 1.05 and gains[1] > 1.05 and (deviations[0] < deviations[1]).mean() > 0.6
+    assert gains[0] > 1.05 and gains[1] > 1.05 and (standard_deviations[0] < standard_deviations[1]).mean() > 0.6
 
 
 def test_the_command_writes_it(tmp_path, capsys):
@@ -288,9 +290,9 @@ def test_the_command_writes_it(tmp_path, capsys):
 
 def test_robots_with_loops_are_refused():
     dynamics = Dynamics(load_robot("five_bar"))
-    columns = effort_columns(dynamics, direct_drives(dynamics.joint_names))
-    with pytest.raises(QuestionError, match="without loops"):
-        exciting_trajectory(columns, joint_bounds(dynamics))
+    columns = build_identification_model(dynamics, direct_drives(dynamics.joint_names))
+    with pytest.raises(InvalidInputError, match="without loops"):
+        design_excitation(columns, joint_bounds(dynamics))
 
 
 def test_joints_that_nobody_can_command_are_refused(tmp_path, capsys):

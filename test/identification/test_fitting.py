@@ -12,18 +12,18 @@ from scipy.stats import binom, chi2
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.consistent import consistent
-from robot_dynamics.identification.effort_columns import effort_columns
-from robot_dynamics.identification.factors import Factors, solved
-from robot_dynamics.identification.fitting import essential, fitted
+from robot_dynamics.identification.fitting import fit_parameters, select_essential_parameters
+from robot_dynamics.identification.identification_model import build_identification_model
+from robot_dynamics.identification.physical_consistency import fit_consistent_robot
 from robot_dynamics.identification.samples import Samples
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.replay.drives import direct_drives
-from robot_dynamics.replay.motions import Motion
+from robot_dynamics.identification.triangular_factors import TriangularFactors, solve_least_squares
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.recordings.drives import direct_drives
+from robot_dynamics.recordings.joint_motions import Motion
 
 RUNS = int(os.environ.get("NOISY_RUNS", "12"))
 DYNAMICS = Dynamics(load_robot("panda"))
-COLUMNS = effort_columns(DYNAMICS, direct_drives(JOINTS))
+COLUMNS = build_identification_model(DYNAMICS, direct_drives(JOINTS))
 OFFSETS = np.array([0.1, -0.2, 0.05, 0.0, 0.3, -0.1, 0.02])
 MOTION = panda_motion(duration=40.0, rate=50.0, viscous=VISCOUS, coulomb=COULOMB)
 
@@ -36,13 +36,13 @@ class Known:
     def __init__(self, efforts):
         self.efforts = efforts
 
-    def motions(self, tally, *, cutoff=None, watch=None):
+    def motions(self, statistics, *, cutoff=None, progress=None):
         half = len(MOTION.q) // 2
         for part in (slice(None, half), slice(half, None)):
             rows = MOTION.q[part], MOTION.qd[part], MOTION.qdd[part], self.efforts[part], self.efforts[part]
             yield Motion(MOTION.times[part][0], 50.0, 8.0, *rows, np.ones(7, dtype=bool))
 
-    def stretches(self):
+    def signal_segments(self):
         return [part for part in self.motions(None)]
 
 
@@ -56,15 +56,15 @@ def truth():
 
 
 def fit_of(measured, method="weighted", **settings):
-    return fitted(Samples([Known(measured)], COLUMNS, **settings), method=method)
+    return fit_parameters(Samples([Known(measured)], COLUMNS, **settings), method=method)
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "robust"])
 def test_without_noise_the_truth_comes_back(method):
     fit = fit_of(efforts(), method)
     assert np.abs(fit.values - truth()).max() < 1e-6
-    assert fit.trained.rms_unfiltered.max() < 1e-8 and fit.condition < 200 and fit.warnings == ()
-    assert COLUMNS.inertial == 48 and len(COLUMNS.names) == 48 + 14 + 7
+    assert fit.training_quality.rms_unfiltered.max() < 1e-8 and fit.condition < 200 and fit.warnings == ()
+    assert COLUMNS.inertial_count == 48 and len(COLUMNS.names) == 48 + 14 + 7
 
 
 def error_statistics(runs):
@@ -74,7 +74,7 @@ def error_statistics(runs):
         fit = fit_of(efforts(seed))
         error = fit.values - truth()
         statistic.append(error @ np.linalg.solve(fit.covariance, error))
-        covered.append(np.abs(error) < 1.96 * fit.deviations)
+        covered.append(np.abs(error) < 1.96 * fit.standard_deviations)
     return np.array(statistic), np.mean(covered)
 
 
@@ -94,7 +94,7 @@ def test_robust_least_squares_survives_collisions():
     rng = np.random.default_rng(1)
     for start in rng.integers(0, len(measured) - 20, 12):
         measured[start : start + 10] += rng.choice([-1, 1], 7) * 30 * NOISE
-    error = {method: np.abs(fit_of(measured, method).values - truth()) / np.maximum(fit_of(efforts(0)).deviations, 1e-9)
+    error = {method: np.abs(fit_of(measured, method).values - truth()) / np.maximum(fit_of(efforts(0)).standard_deviations, 1e-9)
              for method in ("weighted", "robust")}  # fmt: skip
     assert np.sqrt((error["robust"] ** 2).mean()) < 0.5 * np.sqrt((error["weighted"] ** 2).mean())
 
@@ -113,47 +113,54 @@ def test_what_the_motion_does_not_show_is_said_and_not_essential():
         array[:, 6] = value
 
     class Still(Known):
-        def motions(self, tally, *, cutoff=None, watch=None):
+        def motions(self, statistics, *, cutoff=None, progress=None):
             rows = moved.q, moved.qd, moved.qdd, self.efforts, self.efforts
             yield Motion(0.0, 50.0, 8.0, *rows, np.ones(7, dtype=bool))
 
-    fit = fitted(Samples([Still(efforts(3))], COLUMNS))
+    fit = fit_parameters(Samples([Still(efforts(3))], COLUMNS))
     assert any("does not show" in sentence and "Fv.panda_joint7" in sentence for sentence in fit.warnings)
-    brief = fitted(Samples([Known(efforts(3))], COLUMNS, until=0.1))
+    brief = fit_parameters(Samples([Known(efforts(3))], COLUMNS, end_fraction=0.1))
     assert brief.condition > 200 and any("condition number" in sentence for sentence in brief.warnings)
-    assert not essential(fit)[list(COLUMNS.names).index("Fv.panda_joint7")]
-    needed = essential(fit_of(efforts(3)))
+    assert not select_essential_parameters(fit)[list(COLUMNS.names).index("Fv.panda_joint7")]
+    needed = select_essential_parameters(fit_of(efforts(3)))
     assert needed[list(COLUMNS.names).index("Fv.panda_joint1")] and 30 < needed.sum() < len(COLUMNS.names)
 
 
 def test_what_is_held_out_is_not_fitted():
-    samples = Samples([Known(efforts(0))], COLUMNS, until=0.6)
-    held = Samples([Known(efforts(0))], COLUMNS, after=0.6)
-    fit = fitted(samples, validation=held)
-    assert fit.trained.samples == 1200 and fit.validated.samples == 800
-    assert fit.trained.rms_unfiltered == pytest.approx(NOISE, rel=0.1)
-    assert fit.validated.rms_unfiltered == pytest.approx(NOISE, rel=0.15)
+    samples = Samples([Known(efforts(0))], COLUMNS, end_fraction=0.6)
+    held = Samples([Known(efforts(0))], COLUMNS, start_fraction=0.6)
+    fit = fit_parameters(samples, validation=held)
+    assert fit.training_quality.samples == 1200 and fit.validation_quality.samples == 800
+    assert fit.training_quality.rms_unfiltered == pytest.approx(NOISE, rel=0.1)
+    assert fit.validation_quality.rms_unfiltered == pytest.approx(NOISE, rel=0.15)
     with pytest.raises(RecordingError, match="no sample is left"):
-        fitted(Samples([Known(efforts(0))], COLUMNS, until=0.02))
+        fit_parameters(Samples([Known(efforts(0))], COLUMNS, end_fraction=0.02))
 
 
 def test_factors_of_parts_are_those_of_the_whole_and_of_numpy():
     rng = np.random.default_rng(0)
     X, y, weights = rng.normal(size=(300, 3, 10)), rng.normal(size=(300, 3)), np.array([1.0, 4.0, 0.25])
-    parts = Factors.of(X[:7], y[:7]) + Factors.of(X[7:200], y[7:200]) + Factors.of(X[200:], y[200:])
-    found = solved(*parts.system(weights))
+    parts = (
+        TriangularFactors.from_samples(X[:7], y[:7])
+        + TriangularFactors.from_samples(X[7:200], y[7:200])
+        + TriangularFactors.from_samples(X[200:], y[200:])
+    )
+    found = solve_least_squares(*parts.weighted_system(weights))
     root = np.sqrt(weights)
     expected, squares, *_ = np.linalg.lstsq((X * root[:, None]).reshape(-1, 10), (y * root).ravel(), rcond=None)
     assert np.allclose(found.values, expected, atol=1e-12)
-    assert (weights * parts.squares(expected)).sum() == pytest.approx(squares[0])
+    assert (weights * parts.residual_sum_of_squares(expected)).sum() == pytest.approx(squares[0])
     A = (X * root[:, None]).reshape(-1, 10)
     assert np.allclose(found.covariance, np.linalg.inv(A.T @ A)) and parts.samples == 300
 
 
 def test_what_other_processes_send_does_not_grow_with_the_recording():
     """And is what it is here: the Factors of both parts, added."""
-    whole = Samples([Known(efforts(0))], COLUMNS).gathered()
-    start, end = (Samples([Known(efforts(0))], COLUMNS, **part).gathered() for part in ({"until": 0.3}, {"after": 0.3}))
+    whole = Samples([Known(efforts(0))], COLUMNS).accumulate_factors()
+    start, end = (
+        Samples([Known(efforts(0))], COLUMNS, **part).accumulate_factors()
+        for part in ({"end_fraction": 0.3}, {"start_fraction": 0.3})
+    )
     assert whole.rows > 3 * start.rows and len(pickle.dumps(whole)) == pytest.approx(len(pickle.dumps(start)), rel=0.01)
     assert (start + end).rows == pytest.approx(whole.rows, abs=2)
 
@@ -168,15 +175,18 @@ def test_inertias_that_are_written_can_exist_and_fit_as_well():
     pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
     noisy = MOTION.efforts + OFFSETS + 5 * NOISE * np.random.default_rng(0).normal(size=MOTION.efforts.shape)
     fit = fit_of(noisy)
-    found = consistent(fit)
+    found = fit_consistent_robot(fit)
     for link in found.robot.links[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(link.inertia)).min() > 0
     assert found.robot.warnings == ()
     assert all(min(joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction) >= 0
                for joint in found.robot.joints)  # fmt: skip
     quality = Samples([Known(noisy)], COLUMNS).quality(found.values)
-    assert (quality.rms < 1.02 * fit.trained.rms).all()
-    assert (quality.rms > 0.999 * fit.trained.rms.mean() * fit.trained.rms / fit.trained.rms.mean()).all()
+    assert (quality.rms < 1.02 * fit.training_quality.rms).all()
+    assert (
+        quality.rms
+        > 0.999 * fit.training_quality.rms.mean() * fit.training_quality.rms / fit.training_quality.rms.mean()
+    ).all()
     again = Dynamics(load_robot(write_mdh_yaml(found.robot)))
     predicted = again.inverse(MOTION.q, MOTION.qd, MOTION.qdd) + found.drives.effort_offsets
     clean = MOTION.efforts + OFFSETS
@@ -185,8 +195,8 @@ def test_inertias_that_are_written_can_exist_and_fit_as_well():
 
 def test_the_nearest_robot_to_the_truth_is_the_truth():
     pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
-    found = consistent(fit_of(efforts(0)))
-    error = np.abs(found.values - truth()) / fit_of(efforts(0)).deviations
+    found = fit_consistent_robot(fit_of(efforts(0)))
+    error = np.abs(found.values - truth()) / fit_of(efforts(0)).standard_deviations
     assert np.sqrt((error**2).mean()) < 1.5
     assert found.drives.effort_offsets == pytest.approx(OFFSETS, abs=0.1)
 
@@ -194,7 +204,7 @@ def test_the_nearest_robot_to_the_truth_is_the_truth():
 def test_robots_with_loops_are_identified():
     dynamics = Dynamics(load_robot("five_bar"))
     times = np.arange(3000) / 100.0
-    middle = dynamics.closed_positions[[dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]]
+    middle = dynamics.initial_joint_positions[[dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]]
     q, qd, qdd = (np.zeros((len(times), 2)) for _ in range(3))
     for frequency, amplitude, phase in ((0.3, 0.12, (0, 1)), (0.7, 0.08, (2, 0.5)), (1.1, 0.05, (1, 3))):
         w, angles = 2 * np.pi * frequency, 2 * np.pi * frequency * times[:, None] + np.array(phase)
@@ -204,10 +214,10 @@ def test_robots_with_loops_are_identified():
     measured = dynamics.inverse(q, qd, qdd) + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
 
     class Loops(Known):
-        def motions(self, tally, *, cutoff=None, watch=None):
+        def motions(self, statistics, *, cutoff=None, progress=None):
             yield Motion(0.0, 100.0, 8.0, q, qd, qdd, self.efforts, self.efforts, np.ones(2, dtype=bool))
 
-    columns = effort_columns(dynamics, direct_drives(dynamics.joint_names))
-    fit = fitted(Samples([Loops(measured)], columns))
-    expected = np.concatenate([columns.from_parameters @ dynamics.parameters, np.zeros(2)])
-    assert np.abs((fit.values - expected) / fit.deviations).max() < 5
+    columns = build_identification_model(dynamics, direct_drives(dynamics.joint_names))
+    fit = fit_parameters(Samples([Loops(measured)], columns))
+    expected = np.concatenate([columns.grouping_matrix @ dynamics.parameters, np.zeros(2)])
+    assert np.abs((fit.values - expected) / fit.standard_deviations).max() < 5

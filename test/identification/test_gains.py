@@ -12,12 +12,12 @@ from scipy.stats import binom, norm
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.effort_columns import effort_columns
-from robot_dynamics.identification.fitting import fitted
-from robot_dynamics.identification.gains import LoadedColumns, Payload, found_gains
+from robot_dynamics.identification.drive_gains import Payload, PayloadIdentificationModel, identify_gains
+from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.samples import Samples
-from robot_dynamics.replay.drives import Drives, direct_drives
-from robot_dynamics.replay.motions import Motion
+from robot_dynamics.recordings.drives import Drives, direct_drives
+from robot_dynamics.recordings.joint_motions import Motion
 
 RUNS = int(os.environ.get("NOISY_RUNS", "8"))
 RATE = 50.0
@@ -42,10 +42,10 @@ class Run:
     drives: Drives
     notes = ()
 
-    def motions(self, tally, *, cutoff=None):
+    def motions(self, statistics, *, cutoff=None):
         motion = MOTIONS[self.name.partition(" ")[0]]
         nothing = np.zeros_like(self.signals)
-        efforts = self.drives.at_joints(nothing, nothing, self.signals)[2]
+        efforts = self.drives.to_joint_space(nothing, nothing, self.signals)[2]
         yield Motion(0.0, RATE, 8.0, motion.q, motion.qd, motion.qdd, efforts, efforts, np.ones(7, dtype=bool))
 
 
@@ -58,19 +58,19 @@ def run(name, drives, seed=None):
 
 def identified(runs, loads=(("loaded", PAYLOAD),), **settings):
     """(Gains, Fit) of runs."""
-    columns = effort_columns(DYNAMICS, runs[0].drives)
-    loaded = LoadedColumns(columns, tuple(dict.fromkeys(payload for _, payload in loads)), dict(loads))
-    gains = found_gains(Samples(runs, loaded, **settings))
-    fit = fitted(Samples([replace(run, drives=gains.drives) for run in runs], gains.columns, **settings))
-    return gains, gains.counted_in(fit)
+    columns = build_identification_model(DYNAMICS, runs[0].drives)
+    loaded = PayloadIdentificationModel(columns, tuple(dict.fromkeys(payload for _, payload in loads)), dict(loads))
+    gains = identify_gains(Samples(runs, loaded, **settings))
+    fit = fit_parameters(Samples([replace(run, drives=gains.drives) for run in runs], gains.model, **settings))
+    return gains, gains.include_gain_uncertainty(fit)
 
 
 @pytest.mark.parametrize("drives", [direct_drives(JOINTS), COUPLED], ids=["direct", "coupled"])
 def test_without_noise_gains_and_parameters_are_the_true_ones(drives):
     gains, fit = identified([run("bare", drives), run("loaded", drives)])
     assert gains.drives.effort_gains == pytest.approx(drives.effort_gains * WRONG, rel=1e-6)
-    assert np.abs(fit.values - truth(fit.columns)).max() < 1e-5
-    assert fit.trained.rms_unfiltered.max() < 1e-6
+    assert np.abs(fit.values - truth(fit.model)).max() < 1e-5
+    assert fit.training_quality.rms_unfiltered.max() < 1e-6
 
 
 def test_gains_are_as_certain_as_they_are_said_to_be():
@@ -80,8 +80,8 @@ def test_gains_are_as_certain_as_they_are_said_to_be():
         gains, fit = identified([run("bare", drives, seed), run("loaded", drives, seed)])
         error = gains.drives.effort_gains - WRONG
         parts.append(error / WRONG)
-        units.append(error / gains.deviations)
-        of_parameters = (fit.values - truth(fit.columns)) / fit.deviations
+        units.append(error / gains.standard_deviations)
+        of_parameters = (fit.values - truth(fit.model)) / fit.standard_deviations
         covered.append(np.abs(np.concatenate([units[-1], of_parameters])) < 1.96)
     parts, units, covered = np.array(parts), np.array(units), np.array(covered)
     rms = " ".join(f"{100 * part:.2g}" for part in np.sqrt((parts**2).mean(axis=0)))

@@ -14,18 +14,18 @@ from peers.known_panda import COULOMB, NOISE, VISCOUS, truth
 from peers.recorded import JOINTS, panda_motion
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.identification.effort_columns import effort_columns
-from robot_dynamics.identification.fitting import fitted
+from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.samples import Samples
-from robot_dynamics.replay.alignment import Stretch
-from robot_dynamics.replay.drives import direct_drives
-from robot_dynamics.replay.motions import motions
+from robot_dynamics.recordings.alignment import SignalSegment
+from robot_dynamics.recordings.drives import direct_drives
+from robot_dynamics.recordings.joint_motions import filter_motions
 
 RUNS = int(os.environ.get("NOISY_RUNS", "5"))
 RATE = 100.0
 SMALL, LARGE = 1e-4, 1e-3  # [rad] standard deviation of each position
 DRIVES = direct_drives(JOINTS)
-COLUMNS = effort_columns(Dynamics(load_robot("panda")), DRIVES)
+COLUMNS = build_identification_model(Dynamics(load_robot("panda")), DRIVES)
 
 
 class Encoders:
@@ -36,25 +36,25 @@ class Encoders:
     def __init__(self, motion, seed, noise):
         of_efforts, of_positions = np.random.default_rng(seed).normal(size=(2, *motion.q.shape))
         q, efforts = motion.q + noise * of_positions, motion.efforts + NOISE * of_efforts
-        self.stretch = Stretch(0.0, RATE, q, np.full_like(q, np.nan), efforts, False)
+        self.stretch = SignalSegment(0.0, RATE, q, np.full_like(q, np.nan), efforts, False)
 
-    def motions(self, tally, *, cutoff=None):
-        return motions([self.stretch], DRIVES, tally, cutoff)
+    def motions(self, statistics, *, cutoff=None):
+        return filter_motions([self.stretch], DRIVES, statistics, cutoff)
 
 
 @cache
 def fits(noise, cutoff, speed):
     """The Fits of all runs: standard deviation of positions [rad], cut-off [Hz], how many times the usual speed."""
     motion = panda_motion(40.0, RATE, viscous=VISCOUS, coulomb=COULOMB, speed=speed)
-    return [fitted(Samples([Encoders(motion, seed, noise)], COLUMNS, cutoff=cutoff)) for seed in range(RUNS)]
+    return [fit_parameters(Samples([Encoders(motion, seed, noise)], COLUMNS, cutoff=cutoff)) for seed in range(RUNS)]
 
 
 def bias(noise, cutoff=8.0, speed=1.0):
     """(P,) bias in deviations and its standard error, and the part of 95 % intervals that cover the truth."""
     noisy, clean = fits(noise, cutoff, speed), fits(0.0, cutoff, speed)
-    deviations = np.mean([fit.deviations for fit in noisy], axis=0)
-    moved = np.array([fit.values - other.values for fit, other in zip(noisy, clean, strict=True)]) / deviations
-    covered = np.mean([np.abs(fit.values - truth(COLUMNS)) < 1.96 * fit.deviations for fit in noisy])
+    standard_deviations = np.mean([fit.standard_deviations for fit in noisy], axis=0)
+    moved = np.array([fit.values - other.values for fit, other in zip(noisy, clean, strict=True)]) / standard_deviations
+    covered = np.mean([np.abs(fit.values - truth(COLUMNS)) < 1.96 * fit.standard_deviations for fit in noisy])
     mean, error = moved.mean(axis=0), moved.std(axis=0, ddof=1) / np.sqrt(RUNS)
     worst = np.argsort(-np.abs(mean))[:3]
     told = ", ".join(f"{COLUMNS.names[k]} {mean[k]:+.2f} ± {error[k]:.2f}" for k in worst)
@@ -92,7 +92,7 @@ def test_a_lower_cutoff_and_faster_motions_take_the_bias_away(cutoff, speed, mos
 
 def test_half_the_cutoff_tells_who_is_biased():
     """A recording shows it without a known truth: parameters then move by more than two deviations, or do not."""
-    moved = {noise: np.mean([np.abs(fit.values - other.values) > 2 * other.deviations for fit, other in
+    moved = {noise: np.mean([np.abs(fit.values - other.values) > 2 * other.standard_deviations for fit, other in
                              zip(fits(noise, 8.0, 1.0), fits(noise, 4.0, 1.0), strict=True)])
              for noise in (SMALL, LARGE)}  # fmt: skip
     print(f"with half the cut-off {100 * moved[SMALL]:.1f} % of parameters move, biased {100 * moved[LARGE]:.1f} %")

@@ -9,16 +9,16 @@ import pytest
 from peers.recorded import REAL_DATA
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.identification.consistent import consistent
-from robot_dynamics.identification.effort_columns import effort_columns
-from robot_dynamics.identification.fitting import fitted
+from robot_dynamics.checking.check import check
+from robot_dynamics.checking.tolerances import load_tolerances
+from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.identification_model import build_identification_model
+from robot_dynamics.identification.physical_consistency import fit_consistent_robot
 from robot_dynamics.identification.samples import Samples
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.library import shipped_file
-from robot_dynamics.replay.checking import check
-from robot_dynamics.replay.drives import load_drives, write_drives
-from robot_dynamics.replay.recordings import open_recording
-from robot_dynamics.replay.tolerances import load_tolerances
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.loading import shipped_file
+from robot_dynamics.recordings.drives import load_drives, write_drives
+from robot_dynamics.recordings.recording import open_recording
 
 pytestmark = pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 FACTOR = 1.2
@@ -34,10 +34,10 @@ class Robot:
         self.cutoff = cutoff
 
     def fit(self, held_out=0.0, rotor_inertia=True):
-        columns = effort_columns(self.dynamics, self.drives, rotor_inertia=rotor_inertia)
-        told = Samples([self.recording], columns, cutoff=self.cutoff, until=1 - held_out)
-        held = Samples([self.recording], columns, cutoff=self.cutoff, after=1 - held_out) if held_out else None
-        return fitted(told, validation=held)
+        columns = build_identification_model(self.dynamics, self.drives, rotor_inertia=rotor_inertia)
+        told = Samples([self.recording], columns, cutoff=self.cutoff, end_fraction=1 - held_out)
+        held = Samples([self.recording], columns, cutoff=self.cutoff, start_fraction=1 - held_out) if held_out else None
+        return fit_parameters(told, validation=held)
 
 
 @pytest.fixture(scope="module")
@@ -52,23 +52,27 @@ def tx40():
 
 def test_ur10_without_rotors_fits_with_36_base_parameters(ur10):
     fit = ur10.fit(rotor_inertia=False)
-    assert fit.columns.inertial == 36 and len(fit.columns.names) == 36 + 18
+    assert fit.model.inertial_count == 36 and len(fit.model.names) == 36 + 18
     expected = np.array([3.34, 2.92, 2.07, 0.57, 0.48, 1.80])
-    assert (fit.trained.rms < FACTOR * expected).all() and (fit.trained.rms_unfiltered < FACTOR * expected).all()
-    assert (fit.trained.rms > expected / FACTOR).all() and fit.condition < 59 * FACTOR
+    assert (fit.training_quality.rms < FACTOR * expected).all() and (
+        fit.training_quality.rms_unfiltered < FACTOR * expected
+    ).all()
+    assert (fit.training_quality.rms > expected / FACTOR).all() and fit.condition < 59 * FACTOR
 
 
 def test_ur10_of_two_thousand_samples_fits_the_others(ur10):
     fit = ur10.fit(held_out=1441 / 3441)
-    assert fit.columns.inertial == 40 and len(fit.columns.names) == 40 + 18
+    assert fit.model.inertial_count == 40 and len(fit.model.names) == 40 + 18
     expected = np.array([3.66, 4.30, 2.16, 1.05, 0.61, 1.87])
-    assert (fit.validated.rms < FACTOR * expected).all() and (fit.validated.rms_unfiltered < FACTOR * expected).all()
-    assert fit.validated.samples == pytest.approx(1441, abs=20)
+    assert (fit.validation_quality.rms < FACTOR * expected).all() and (
+        fit.validation_quality.rms_unfiltered < FACTOR * expected
+    ).all()
+    assert fit.validation_quality.samples == pytest.approx(1441, abs=20)
 
 
 def test_the_fitted_ur10_passes_the_tolerances_that_ship(ur10, tmp_path):
     pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
-    found = consistent(ur10.fit())
+    found = fit_consistent_robot(ur10.fit())
     (tmp_path / "drives.yaml").write_text(write_drives(found.drives))
     dynamics = Dynamics(load_robot(write_mdh_yaml(found.robot), strict=True))
     drives = load_drives(tmp_path / "drives.yaml", dynamics.joint_names)
@@ -81,14 +85,14 @@ def test_the_fitted_ur10_passes_the_tolerances_that_ship(ur10, tmp_path):
 
 def test_tx40_fits_with_its_coupled_wrist(tx40):
     fit = tx40.fit()
-    assert fit.columns.inertial == 40 and len(fit.columns.names) == 61
-    assert (fit.trained.rms < FACTOR * np.array([1.68, 2.11, 1.11, 0.60, 0.93, 0.65])).all()
-    viscous = np.array([fit.values[fit.columns.names.index(f"Fv.joint_{k}")] for k in range(1, 7)])
+    assert fit.model.inertial_count == 40 and len(fit.model.names) == 61
+    assert (fit.training_quality.rms < FACTOR * np.array([1.68, 2.11, 1.11, 0.60, 0.93, 0.65])).all()
+    viscous = np.array([fit.values[fit.model.names.index(f"Fv.joint_{k}")] for k in range(1, 7)])
     assert viscous == pytest.approx([8.42, 5.53, 2.02, 1.20, 2.02, 0.645], rel=0.05)
     assert viscous == pytest.approx([8.05, 5.53, 1.97, 1.11, 1.86, 0.65], rel=0.15)
 
 
 def test_tx40_of_the_first_half_fits_the_second(tx40):
     fit = tx40.fit(held_out=0.5)
-    assert (fit.validated.rms < FACTOR * np.array([2.24, 3.60, 1.27, 0.74, 1.29, 0.90])).all()
-    assert fit.validated.samples == pytest.approx(22500, abs=60)
+    assert (fit.validation_quality.rms < FACTOR * np.array([2.24, 3.60, 1.27, 0.74, 1.29, 0.90])).all()
+    assert fit.validation_quality.samples == pytest.approx(22500, abs=60)

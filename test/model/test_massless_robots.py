@@ -4,8 +4,8 @@ import pytest
 from peers.real_robots import real_urdf, without_inertials
 
 from robot_dynamics import DescriptionError, Inertia, load_robot
-from robot_dynamics.commands.main import main
-from robot_dynamics.model.robot import MASSLESS
+from robot_dynamics.cli.main import main
+from robot_dynamics.model.robot import MASSLESS_WARNING
 
 BODY = Inertia(1.0, [0.0, 0.0, 0.1], [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.01]])
 
@@ -13,10 +13,10 @@ BODY = Inertia(1.0, [0.0, 0.0, 0.1], [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.01]])
 @pytest.mark.parametrize("name", ["ur5", "panda", "z1", "kinova", "allegro"])
 def test_a_description_without_masses_is_warned_of_once_at_load(name, caplog):
     whole, bare = load_robot(real_urdf(name)), load_robot(without_inertials(real_urdf(name)))
-    assert not whole.massless and bare.massless
-    assert bare.warnings.count(MASSLESS) == 1
+    assert not whole.is_massless and bare.is_massless
+    assert bare.warnings.count(MASSLESS_WARNING) == 1
     assert not any("moves nothing with inertia" in warning for warning in bare.warnings)
-    assert caplog.text.count(MASSLESS) == 1
+    assert caplog.text.count(MASSLESS_WARNING) == 1
     with pytest.raises(DescriptionError, match="none of its moving links has a mass"):
         load_robot(without_inertials(real_urdf(name)), strict=True)
 
@@ -24,11 +24,11 @@ def test_a_description_without_masses_is_warned_of_once_at_load(name, caplog):
 def test_what_counts_is_what_moves():
     bare = load_robot(without_inertials(real_urdf("ur5")))
     links = [frame.name for frame in bare.frames]
-    assert bare.with_payload(bare.base_link, BODY).massless  # it is held, or carries its own mass alone
-    assert not bare.with_payload("wrist_3_link", BODY).massless and "wrist_3_link" in links
+    assert bare.with_payload(bare.base_link, BODY).is_massless  # it is held, or carries its own mass alone
+    assert not bare.with_payload("wrist_3_link", BODY).is_massless and "wrist_3_link" in links
     moving = load_robot(without_inertials(real_urdf("ur5")), moving_base=True)
-    assert moving.massless and any("no model has an answer" in warning for warning in moving.warnings)
-    assert not load_robot('<robot name="stone"><link name="base"/></robot>').massless  # nothing moves
+    assert moving.is_massless and any("no model has an answer" in warning for warning in moving.warnings)
+    assert not load_robot('<robot name="stone"><link name="base"/></robot>').is_massless  # nothing moves
 
 
 def test_show_says_it(tmp_path, capsys):
@@ -36,4 +36,4 @@ def test_show_says_it(tmp_path, capsys):
     path.write_text(without_inertials(real_urdf("z1")))
     assert main(["show", str(path)]) == 0
     told = capsys.readouterr().out
-    assert f"warning: {MASSLESS}" in told and "moving mass 0 kg" in told and told.count("warning:") == 1
+    assert f"warning: {MASSLESS_WARNING}" in told and "moving mass 0 kg" in told and told.count("warning:") == 1

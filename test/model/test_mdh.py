@@ -12,10 +12,10 @@ from peers.real_robots import REAL_ROBOTS, real_urdf
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.model.formats.urdf import read_urdf
-from robot_dynamics.model.mdh import Row, placement_of, rows_of
-from robot_dynamics.model.mdh_table import table
-from robot_dynamics.model.minimal_frames import minimal_frames, snapped
+from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.mdh import MDHParameters, mdh_from_placement, placement_from_mdh
+from robot_dynamics.model.mdh_table import build_mdh_table
+from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
 from robot_dynamics.model.placement import placement, roll_pitch_yaw, rotation_from_roll_pitch_yaw
 
 angles = st.floats(-7, 7) | st.sampled_from([k * math.pi / 4 for k in range(-8, 9)]) | st.floats(-1e-6, 1e-6)
@@ -25,7 +25,7 @@ lengths = st.floats(-2, 2) | st.just(0.0) | st.floats(-1e-9, 1e-9)
 def product(rows):
     matrix = np.eye(4)
     for row in rows:
-        matrix = matrix @ placement_of(row)
+        matrix = matrix @ placement_from_mdh(row)
     return matrix
 
 
@@ -38,7 +38,9 @@ def test_placement_is_the_product_of_the_six_elementary_ones(gamma, b, alpha, d,
         return placement(translation=[x, 0, z])
 
     expected = turned("z", gamma) @ moved(0, b) @ turned("x", alpha) @ moved(d, 0) @ turned("z", theta) @ moved(0, r)
-    np.testing.assert_allclose(placement_of(Row(gamma, b, alpha, d, theta, r)), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        placement_from_mdh(MDHParameters(gamma, b, alpha, d, theta, r)), expected, rtol=0, atol=1e-14
+    )
 
 
 def test_serial_row_is_the_matrix_of_khalil():
@@ -51,13 +53,13 @@ def test_serial_row_is_the_matrix_of_khalil():
         [sa * st_, sa * ct, ca, r * ca],
         [0, 0, 0, 1],
     ]
-    np.testing.assert_allclose(placement_of(Row(0, 0, alpha, d, theta, r)), expected, atol=1e-15)
+    np.testing.assert_allclose(placement_from_mdh(MDHParameters(0, 0, alpha, d, theta, r)), expected, atol=1e-15)
 
 
 @given(angles, angles, angles, lengths, lengths, lengths)
 def test_any_placement_is_one_row_or_two(first, second, third, x, y, z):
     matrix = placement(Rotation.from_euler("zxz", [first, second, third]).as_matrix(), [x, y, z])
-    rows = rows_of(matrix)
+    rows = mdh_from_placement(matrix)
     assert len(rows) <= 2 and all(abs(row.gamma) <= math.pi / 2 + 1e-14 for row in rows)
     np.testing.assert_allclose(product(rows), matrix, rtol=0, atol=2e-13)
 
@@ -71,14 +73,14 @@ def test_nearly_parallel_axes_lose_nothing(exponent, opposite):
         tilt = 10.0**exponent * rng.uniform(1, 10) + (math.pi if opposite else 0)
         turn = Rotation.from_euler("zxz", [rng.uniform(-3, 3), tilt, rng.uniform(-3, 3)]).as_matrix()
         matrix = placement(turn, rng.uniform(-1, 1, 3))
-        rows = rows_of(matrix)
+        rows = mdh_from_placement(matrix)
         assert max(abs(number) for row in rows for number in (row.b, row.r)) < 200
         np.testing.assert_allclose(product(rows), matrix, rtol=0, atol=1e-12)
 
 
 def test_frames_of_the_panda_are_those_of_its_manufacturer():
     """α, d (their a) and r (their d) of the table in Franka's documentation; joints have no offsets there."""
-    rows = [row.row for row in table(minimal_frames(load_robot("panda")))][:7]
+    rows = [row.parameters for row in build_mdh_table(minimal_frames(load_robot("panda")))][:7]
     published = [
         (0, 0, 0.333),
         (-math.pi / 2, 0, 0),
@@ -94,7 +96,7 @@ def test_frames_of_the_panda_are_those_of_its_manufacturer():
 
 def test_frames_of_the_ur5e_have_the_lengths_of_its_manufacturer():
     """d1, a2, a3, d4, d5 of Universal Robots' table; d6 lies beyond the last frame."""
-    rows = [row.row for row in table(minimal_frames(load_robot("ur5e")))]
+    rows = [row.parameters for row in build_mdh_table(minimal_frames(load_robot("ur5e")))]
     assert all(row.gamma == row.b == 0 for row in rows)
     np.testing.assert_allclose([row.r for row in rows], [0.1625, 0, 0, 0.1333, 0.0997, 0], atol=1e-12)
     np.testing.assert_allclose([row.d for row in rows], [0, 0, 0.425, 0.3922, 0, 0], atol=1e-12)
@@ -117,13 +119,15 @@ def bent(angle):
 
 def test_nothing_is_snapped_unless_asked_for():
     robot = bent(2e-5)
-    kept = table(minimal_frames(robot))
+    kept = build_mdh_table(minimal_frames(robot))
     assert len(kept) == 4 and kept[1].joint is None  # the second axis takes two rows
-    assert [row.row.alpha for row in kept][2:] == pytest.approx([2e-5, 1.5708], abs=1e-12)
-    rows = table(minimal_frames(snapped(robot, 1e-4)))
-    assert [row.row.alpha for row in rows] == [0, 0, math.pi / 2]
-    assert len(table(minimal_frames(snapped(robot, 1e-5)))) == 4
-    moved = np.abs(Dynamics(snapped(robot, 1e-4)).gravity([0.1, 0.2, 0.3]) - Dynamics(robot).gravity([0.1, 0.2, 0.3]))
+    assert [row.parameters.alpha for row in kept][2:] == pytest.approx([2e-5, 1.5708], abs=1e-12)
+    rows = build_mdh_table(minimal_frames(snap_angles(robot, 1e-4)))
+    assert [row.parameters.alpha for row in rows] == [0, 0, math.pi / 2]
+    assert len(build_mdh_table(minimal_frames(snap_angles(robot, 1e-5)))) == 4
+    moved = np.abs(
+        Dynamics(snap_angles(robot, 1e-4)).gravity([0.1, 0.2, 0.3]) - Dynamics(robot).gravity([0.1, 0.2, 0.3])
+    )
     assert 1e-6 < moved.max() < 1e-2
 
 
@@ -131,7 +135,7 @@ def test_nothing_is_snapped_unless_asked_for():
 def test_snapping_a_real_robot_moves_its_frames_no_farther_than_asked(name):
     """Each placement turns by the tolerance about each of three axes at most, and does not shift."""
     robot, tolerance = read_urdf(real_urdf(name)), 1e-3
-    moved = snapped(robot, tolerance)
+    moved = snap_angles(robot, tolerance)
     for before, after in zip((*robot.joints, *robot.frames), (*moved.joints, *moved.frames), strict=True):
         turn = Rotation.from_matrix(before.placement[:3, :3].T @ after.placement[:3, :3])
         assert turn.magnitude() <= 3 * tolerance
@@ -145,7 +149,7 @@ def test_snapping_finds_the_multiples_of_15_degrees_again(first, second, third, 
     robot = bent(0.0)
     joint = replace(robot.joints[1], placement=placement(found, [0.1, 0.2, 0.3]))
     robot = replace(robot, joints=(robot.joints[0], joint, robot.joints[2]))
-    turn = meant.inv() * Rotation.from_matrix(snapped(robot, 1e-2).joints[1].placement[:3, :3])
+    turn = meant.inv() * Rotation.from_matrix(snap_angles(robot, 1e-2).joints[1].placement[:3, :3])
     assert turn.magnitude() < 1e-2
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from peers.random_robots import random_urdf
 
-from robot_dynamics import DescriptionError, Dynamics, Inertia, QuestionError, SingularModelError, load_robot
-from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics import DescriptionError, Dynamics, Inertia, InvalidInputError, SingularModelError, load_robot
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.joint import Limits, Mimic
-from robot_dynamics.model.placement import inverse, placement, rotation_with_z_along
+from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
 from robot_dynamics.model.robot import Frame
 
 
@@ -49,11 +49,11 @@ def test_inertia_seen_from_another_frame_is_that_of_the_moved_points():
         points, masses, body = random_inertia(rng)
         frame = placement(rotation_with_z_along(rng.normal(size=3)), rng.normal(size=3))
         moved = point_masses(points @ frame[:3, :3].T + frame[:3, 3], masses)
-        seen = body.seen_from(frame)
+        seen = body.transformed_by(frame)
         assert seen.mass == pytest.approx(moved.mass)
         np.testing.assert_allclose(seen.first_moments, moved.first_moments, atol=1e-12)
         np.testing.assert_allclose(seen.second_moments, moved.second_moments, atol=1e-11)
-        assert body.objections() == [] and seen.objections() == []
+        assert body.find_inconsistencies() == [] and seen.find_inconsistencies() == []
 
 
 def test_spatial_inertia_gives_the_kinetic_energy_of_the_points():
@@ -176,9 +176,9 @@ def test_massless_joint_that_moves_with_another_is_not_warned_of():
 
 
 def test_moments_rounded_to_four_digits_are_no_objection():
-    assert Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1167])).objections() == []
-    assert "triangle" in Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1177])).objections()[0]
-    assert "positive" in Inertia(1, np.zeros(3), np.diag([1, 1, -1e-10])).objections()[0]
+    assert Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1167])).find_inconsistencies() == []
+    assert "triangle" in Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1177])).find_inconsistencies()[0]
+    assert "positive" in Inertia(1, np.zeros(3), np.diag([1, 1, -1e-10])).find_inconsistencies()[0]
 
 
 @pytest.mark.parametrize(
@@ -206,9 +206,9 @@ def mimicking(multiplier, offset, of="shoulder"):
 def test_mimic_joint_is_no_coordinate_of_its_own():
     dynamics = Dynamics(read_urdf(arm(between=mimicking(-2, 0.5))))
     assert dynamics.joint_names == ("shoulder",) and dynamics.all_joint_names == ("shoulder", "follower")
-    np.testing.assert_allclose(dynamics.expand(np.array([0.3])), [0.3, -0.1])
-    np.testing.assert_allclose(dynamics.expand_rates(np.array([0.3])), [0.3, -0.6])
-    np.testing.assert_allclose(dynamics.gather_efforts(np.array([1.0, 2.0])), [-3.0])
+    np.testing.assert_allclose(dynamics.expand_positions(np.array([0.3])), [0.3, -0.1])
+    np.testing.assert_allclose(dynamics.expand_velocities(np.array([0.3])), [0.3, -0.6])
+    np.testing.assert_allclose(dynamics.project_efforts(np.array([1.0, 2.0])), [-3.0])
 
 
 def test_mimic_of_a_mimic_is_followed_to_its_leader():
@@ -216,7 +216,7 @@ def test_mimic_of_a_mimic_is_followed_to_its_leader():
         '"finger"', '"claw"'
     ).replace('joint="last"', 'joint="follower"')
     dynamics = Dynamics(read_urdf(arm(between=chain)))
-    np.testing.assert_allclose(dynamics.expand(np.array([0.3])), [0.3, -0.1, 0.7])
+    np.testing.assert_allclose(dynamics.expand_positions(np.array([0.3])), [0.3, -0.1, 0.7])
 
 
 @pytest.mark.parametrize(("of", "reason"), [("shoudler", "did you mean 'shoulder'"), ("follower", "mimics itself")])
@@ -254,7 +254,7 @@ def test_payload_is_the_same_as_a_link_welded_there():
     ],
 )
 def test_impossible_payload_is_refused(link, payload, reason):
-    with pytest.raises(QuestionError, match=reason):
+    with pytest.raises(InvalidInputError, match=reason):
         read_urdf(arm()).with_payload(link, payload)
 
 
@@ -323,4 +323,4 @@ def test_joint_that_cannot_be_is_refused(changes, reason):
 
 def test_inverse_placement():
     frame = placement(rotation_with_z_along([1, 2, 3]), [4, 5, 6])
-    np.testing.assert_allclose(frame @ inverse(frame), np.eye(4), atol=1e-15)
+    np.testing.assert_allclose(frame @ invert_placement(frame), np.eye(4), atol=1e-15)

@@ -17,7 +17,7 @@ def test_robot_loads_and_both_models_agree(name):
     q, qd, qdd = rng.uniform(-1, 1, (3, 20, count))
     if robot.loops:
         q = reachable(dynamics, 20, rng)
-    qdd[:, [dynamics.joint_names.index(name) for name in dynamics.undriven_joint_names]] = np.nan
+    qdd[:, [dynamics.joint_names.index(name) for name in dynamics.unactuated_joint_names]] = np.nan
     answer = dynamics.solve(q, qd, qdd=qdd)
     np.testing.assert_allclose(dynamics.direct(q, qd, answer.efforts), answer.accelerations, rtol=1e-7, atol=1e-7)
 
@@ -56,7 +56,7 @@ def test_manutec_has_the_composite_inertia_of_the_dfvlr_model():
     poses = [Dynamics(robot).link_pose(f"link_{k}", np.zeros(9)) for k in (3, 4, 5)]
     link_3 = np.linalg.inv(poses[0])
     bodies = [
-        robot.links[number].inertia.seen_from(link_3 @ pose) for number, pose in zip((6, 7, 8), poses, strict=True)
+        robot.links[number].inertia.transformed_by(link_3 @ pose) for number, pose in zip((6, 7, 8), poses, strict=True)
     ]
     whole = bodies[0] + bodies[1] + bodies[2]
     assert whole.mass == pytest.approx(60.3)

@@ -8,13 +8,13 @@ from peers.random_chains import random_chain, with_symbols
 from peers.random_robots import random_urdf
 
 from robot_dynamics import load_robot
-from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.codegen.jit.python_functions import python_function
+from robot_dynamics.codegen.trace.parameter_grouping import group_inertial_parameters
+from robot_dynamics.codegen.trace.program import build_program
+from robot_dynamics.codegen.trace.scalar import Trace
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.newton_euler import augmented, composite, inverse, regressor, walker_orin
-from robot_dynamics.newton_euler.kinematics import sweep_forward
-from robot_dynamics.symbolic.base_parameters import gathered
-from robot_dynamics.symbolic.program import program_of
-from robot_dynamics.symbolic.python_code import python_function
-from robot_dynamics.symbolic.scalar import Trace
+from robot_dynamics.newton_euler.kinematics import run_forward_pass
 
 AT_REST = np.array([0, 0, 9.81, 0, 0, 0])
 
@@ -24,7 +24,7 @@ def relative_error(found, expected):
 
 
 def reference(robot, q, qd, qdd, twist, acceleration, wrenches):
-    return inverse.inverse_dynamics(robot, sweep_forward(robot, q, qd, twist, wrenches), qdd, acceleration)
+    return inverse.inverse_dynamics(robot, run_forward_pass(robot, q, qd, twist, wrenches), qdd, acceleration)
 
 
 @pytest.mark.parametrize("seed", range(100))
@@ -40,7 +40,7 @@ def test_renauds_recursion_on_random_chains_with_a_wrench_at_the_tip_in_numbers_
     symbolic, values = with_symbols(robot, trace)
     arguments = [trace.input(name, 6) for name in ("q", "qd", "qdd", "tip")]
     forces, _ = augmented.inverse_dynamics(symbolic, *arguments[:3], np.zeros(6), AT_REST, {6: arguments[3]})
-    program = program_of(trace, "inverse", dict.fromkeys(("q", "qd", "qdd", "tip"), 6), {"efforts": forces})
+    program = build_program(trace, "inverse", dict.fromkeys(("q", "qd", "qdd", "tip"), 6), {"efforts": forces})
     computed = python_function(program, {name: values[name] for name in program.parameters})
     again = np.array([computed(*sample) for sample in zip(q, qd, qdd, tip, strict=True)])
     assert relative_error(again, expected) < 1e-12
@@ -63,7 +63,7 @@ def test_trees_moving_bases_and_gathered_parameters(seed, moving_base):
     wrenches = {count: tip, 0: ground}
     expected, reactions = reference(robot, *motion, wrenches)
     A = walker_orin.inertia_matrix(robot, q)
-    for same in (robot, gathered(robot)):
+    for same in (robot, group_inertial_parameters(robot)):
         forces, base = augmented.inverse_dynamics(same, *motion, wrenches)
         assert relative_error(forces, expected) < 1e-11
         if moving_base or same is robot:  # what is gathered changes what the ground bears

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from peers.random_robots import random_urdf
 
-from robot_dynamics.model.formats.urdf import read_urdf
-from robot_dynamics.newton_euler import recursion
+from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.newton_euler import articulated_body
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
-from robot_dynamics.newton_euler.kinematics import sweep_forward
+from robot_dynamics.newton_euler.kinematics import run_forward_pass
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
 
 
@@ -79,11 +79,11 @@ def test_models_over_dual_numbers_are_the_models_with_their_derivatives(seed):
 
     def models(q, qd):
         """Efforts by two sweeps; accelerations of joints and of a free base, and wrenches, by three."""
-        sweep = sweep_forward(robot, q, qd, twist, {j: push[j - 1] for j in (2, 5)})
+        sweep = run_forward_pass(robot, q, qd, twist, {j: push[j - 1] for j in (2, 5)})
         forces, wrenches = inverse_dynamics(robot, sweep, qdd, twist)
         given = list(qdd[:, None])
-        found = recursion.solve(robot, sweep, columns, given)
-        mixed = recursion.solve(
+        found = articulated_body.solve(robot, sweep, columns, given)
+        mixed = articulated_body.solve(
             robot, sweep, [given[0], None, given[2], None, None], [None, given[1], None, *given[3:]], twist
         )
         return np.concatenate(

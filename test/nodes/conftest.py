@@ -6,7 +6,7 @@ import pytest
 import rclpy
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.nodes.running import Caller, running_node
+from robot_dynamics.nodes.processes import ServiceClient, running_node
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -20,8 +20,8 @@ def ros():
 
 
 @pytest.fixture(scope="module")
-def caller(ros):
-    made = Caller("asker")
+def client(ros):
+    made = ServiceClient("asker")
     yield made
     made.close()
 
@@ -69,6 +69,6 @@ def panda(start_module_server):
 
 
 @pytest.fixture(scope="module")
-def library():
+def panda_dynamics():
     """The same robot without ROS."""
     return Dynamics(load_robot("panda"), compiled=False)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import Transition
 from nav_msgs.msg import Odometry
-from nodes.stand import PANDA, Q, Stand, trajectory
+from nodes.controller_probe import PANDA, ControllerProbe, Q, trajectory_message
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.computed_torque import ComputedTorque
-from robot_dynamics.nodes.messages import nanoseconds, write_twist
+from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_twist
+from robot_dynamics.nodes.computed_torque.node import ComputedTorque
 
 LIBRARY = Dynamics(load_robot("panda"), compiled=False)
 LIMITS = np.array([87.0] * 4 + [12.0] * 3)
@@ -21,12 +21,12 @@ QUIET = {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.2}  # a busy
 
 
 @pytest.fixture
-def stand(start_server, caller):
+def stand(start_server, client):
     made = []
 
     def start(parameters=None, namespace=None):
         target = start_server({**QUIET, **(parameters or {})}, namespace, executable="computed_torque")
-        made.append(Stand(target, caller))
+        made.append(ControllerProbe(target, client))
         return made[-1]
 
     yield start
@@ -41,12 +41,14 @@ def last(stand):
 def test_efforts_hold_the_robot_in_the_order_of_the_joints_and_by_name(stand):
     order = [6, 0, 3, 1, 2, 5, 4]
     made = stand({"mode": "gravity_compensation", "joints": [PANDA[k] for k in order]})
-    made.connect(q=Q[::-1], names=PANDA[::-1])
+    made.stream_until_steady(q=Q[::-1], names=PANDA[::-1])
     expected = LIBRARY.gravity(Q)
     np.testing.assert_allclose(last(made), expected[order], atol=1e-9)
     assert list(made.efforts[-1].name) == [PANDA[k] for k in order]
     np.testing.assert_allclose(made.efforts[-1].effort, expected[order], atol=1e-9)
-    assert {nanoseconds(effort.header.stamp) for effort in made.efforts[-10:]} < set(made.heard)  # what they answer
+    assert {to_nanoseconds(effort.header.stamp) for effort in made.efforts[-10:]} < set(
+        made.state_stamps
+    )  # what they answer
     # names that change, and joints of other robots beside
     other = Q + 0.1
     settled = lambda: np.abs(last(made) - LIBRARY.gravity(other)[order]).max() < 1e-9  # noqa: E731
@@ -59,10 +61,10 @@ def test_efforts_hold_the_robot_in_the_order_of_the_joints_and_by_name(stand):
 
 def test_a_trajectory_is_followed_by_its_time_stamps_and_held_at_its_end(stand):
     made = stand({"kp": [100.0], "kd": [20.0]})
-    made.connect()
+    made.stream_until_steady()
     goal, order = Q + 0.2, [3, 1, 2, 0, 6, 5, 4]
     rest = np.zeros((2, 7))
-    sent = trajectory([PANDA[k] for k in order], [0.0, 1.0], [Q[order], goal[order]], rest, rest)
+    sent = trajectory_message([PANDA[k] for k in order], [0.0, 1.0], [Q[order], goal[order]], rest, rest)
     made.reference.publish(sent)
     began = time.time()
     made.stream_until(lambda: time.time() > began + 1.5, "the end")
@@ -85,53 +87,53 @@ def test_a_trajectory_is_followed_by_its_time_stamps_and_held_at_its_end(stand):
 
 def test_single_points_are_followed_while_they_come(stand):
     made = stand({"reference_timeout": 0.3, "without_reference": "gravity", "mode": "feedforward"})
-    made.connect()
+    made.stream_until_steady()
     held, a = last(made), np.linspace(-1, 1, 7)
-    point = trajectory(PANDA, [0.0], [Q], [np.zeros(7)], [a])
+    point = trajectory_message(PANDA, [0.0], [Q], [np.zeros(7)], [a])
     wanted = LIBRARY.inverse(Q, np.zeros(7), a)
     seen = []
 
     def followed():
-        made.point.publish(point)
+        made.reference_point.publish(point)
         seen.append(np.abs(last(made) - wanted).max())
         return min(seen) < 0.6  # the point goes on with its acceleration until the next one
 
     made.stream_until(followed, "efforts of the point")
-    made.stream_until(lambda: made.says("no point of the stream for more than 300 ms"), "the loss")
+    made.stream_until(lambda: made.has_diagnostic("no point of the stream for more than 300 ms"), "the loss")
     made.stream_until(lambda: np.abs(last(made) - held).max() < 1e-9, "gravity")
 
 
 def test_references_that_do_not_fit_are_refused_with_a_reason(stand):
     made = stand()
-    made.connect()
+    made.stream_until_steady()
     two, rest = [0.0, 1.0], np.zeros((2, 7))
-    with_effort = trajectory(PANDA, two, [Q, Q])
+    with_effort = trajectory_message(PANDA, two, [Q, Q])
     with_effort.points[1].effort = [1.0] * 7
-    uneven = trajectory(PANDA, two, [Q, Q], rest)
+    uneven = trajectory_message(PANDA, two, [Q, Q], rest)
     uneven.points[1].velocities = [0.0] * 6
     for message, said in (
-        (trajectory(PANDA[:6], two, [Q[:6]] * 2), "joints missing: 'panda_joint7'"),
-        (trajectory([*PANDA[:6], "panda_joint8"], two, [Q, Q]), "unknown joint 'panda_joint8'"),
-        (trajectory(PANDA, [1.0, 0.5], [Q, Q]), "points[1].time_from_start is not after"),
-        (trajectory(PANDA, two, [Q, np.full(7, np.nan)]), "points[1].positions is not finite"),
-        (trajectory(PANDA, two, [Q, Q], rest + 1), "points[1].velocities[0] is 1: a trajectory ends"),
-        (trajectory(PANDA, two, [Q, Q], start=10**9), "the trajectory ended"),
+        (trajectory_message(PANDA[:6], two, [Q[:6]] * 2), "joints missing: 'panda_joint7'"),
+        (trajectory_message([*PANDA[:6], "panda_joint8"], two, [Q, Q]), "unknown joint 'panda_joint8'"),
+        (trajectory_message(PANDA, [1.0, 0.5], [Q, Q]), "points[1].time_from_start is not after"),
+        (trajectory_message(PANDA, two, [Q, np.full(7, np.nan)]), "points[1].positions is not finite"),
+        (trajectory_message(PANDA, two, [Q, Q], rest + 1), "points[1].velocities[0] is 1: a trajectory ends"),
+        (trajectory_message(PANDA, two, [Q, Q], start=10**9), "the trajectory ended"),
         (with_effort, "points[1].effort has values"),
         (uneven, "points[1].velocities has 6 values: 7 are needed"),
-        (trajectory(PANDA, two, [Q, [*Q[:3], 0.2, *Q[4:]]]), "points[1].positions has 0.2 for 'panda_joint4'"),
+        (trajectory_message(PANDA, two, [Q, [*Q[:3], 0.2, *Q[4:]]]), "points[1].positions has 0.2 for 'panda_joint4'"),
     ):
         made.reference.publish(message)
-        made.stream_until(lambda said=said: made.says(f"reference refused: {said}"), said)
-    made.point.publish(trajectory(PANDA, two, [Q, Q]))
-    made.stream_until(lambda: made.says("reference_point refused: 2 points came"), "two points")
+        made.stream_until(lambda said=said: made.has_diagnostic(f"reference refused: {said}"), said)
+    made.reference_point.publish(trajectory_message(PANDA, two, [Q, Q]))
+    made.stream_until(lambda: made.has_diagnostic("reference_point refused: 2 points came"), "two points")
     np.testing.assert_allclose(last(made), LIBRARY.gravity(Q), atol=1e-9)
 
 
 def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
     made = stand({"kp": 50, "kd": [10.0] * 7})
-    made.connect()
+    made.stream_until_steady()
     goal = Q + 0.05
-    made.reference.publish(trajectory(PANDA, [0.0, 0.1], [Q, goal]))
+    made.reference.publish(trajectory_message(PANDA, [0.0, 0.1], [Q, goal]))
     e = goal - Q
 
     def comes_to(expected, what):
@@ -149,10 +151,10 @@ def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
         comes_to(expected, str(changes))
         steps = np.abs(np.diff([efforts for _, efforts in made.commands[count:]], axis=0)).max()
         assert "effort_limits" in changes or steps < 20, "a jump"
-    made.stream_until(lambda: made.says("at its limit: panda_joint2"), "saturation")
+    made.stream_until(lambda: made.has_diagnostic("at its limit: panda_joint2"), "saturation")
     assert made.set_parameters(effort_limits=[80.0] * 7).successful
     payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
-    assert made.caller.set_parameters(made.target, payload).successful
+    assert made.client.set_parameters(made.target, payload).successful
     loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2]))
     comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
 
@@ -160,16 +162,16 @@ def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
 def test_springs_behind_motors_need_no_state_and_their_links_follow(stand):
     manutec = Dynamics(load_robot("manutec_r3"), compiled=False)
     made = stand({"robot_file": "manutec_r3", "mode": "feedforward", "ramp_time": 0.01})
-    motors = [name for name in manutec.joint_names if name not in manutec.undriven_joint_names]
+    motors = [name for name in manutec.joint_names if name not in manutec.unactuated_joint_names]
     state = {"q": np.array([0.0, 0.5, 0.4, 0.2, -0.3, 0.1]), "qd": np.zeros(6), "names": motors}
     goal = np.array([0.1, 0.7, 0.5, 0.2, -0.2, 0.1])
     made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
-    made.reference.publish(trajectory(motors, [0.0, 0.1], [goal, goal]))
+    made.reference.publish(trajectory_message(motors, [0.0, 0.1], [goal, goal]))
     made.stream_until(
         lambda: any(message == "feedforward" for _, message, _ in made.diagnostics), "no objection", **state
     )
     # the springs hold the links where the reference wants them, and motors hold the springs
-    q, springs = np.zeros(9), [manutec.joint_names.index(name) for name in manutec.undriven_joint_names]
+    q, springs = np.zeros(9), [manutec.joint_names.index(name) for name in manutec.unactuated_joint_names]
     q[[manutec.joint_names.index(name) for name in motors]] = goal
     held = manutec.gravity(q)
     assert np.abs(held[springs]).max() > 10
@@ -183,7 +185,7 @@ def test_friction_is_that_of_the_reference_or_where_it_is_wanted_of_the_measured
     made = stand({"robot_file": "puma560"})
     state = {"q": q, "qd": qd, "names": puma.joint_names}
     made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
-    made.reference.publish(trajectory(puma.joint_names, [0.0, 0.1], [q, q]))
+    made.reference.publish(trajectory_message(puma.joint_names, [0.0, 0.1], [q, q]))
     without = puma.inverse(q, qd, -20 * qd) - puma.friction(qd)
     assert np.abs(puma.friction(qd)).min() > 0.1
 
@@ -197,7 +199,7 @@ def test_friction_is_that_of_the_reference_or_where_it_is_wanted_of_the_measured
 
 def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
     made = stand()
-    made.connect()
+    made.stream_until_steady()
     for change, said in (
         ({"mode": "computed_torqe"}, "did you mean 'computed_torque'"),
         ({"mode": 3}, "a text is needed"),
@@ -225,7 +227,7 @@ def test_a_base_that_flies_is_told_by_odom(stand):
     library = Dynamics(load_robot("free_flying_arm", gravity=(0, 0, -9.81)), compiled=False)
     q, qd, twist = np.linspace(-0.5, 0.5, 6), np.linspace(0.2, -0.2, 6), np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
     state = {"q": q, "qd": qd, "names": library.joint_names}
-    made.stream_until(lambda: made.says("no odom yet, and the base of the robot moves"), "the cause", **state)
+    made.stream_until(lambda: made.has_diagnostic("no odom yet, and the base of the robot moves"), "the cause", **state)
     turned = Rotation.from_rotvec([0.3, -0.2, 0.5])
     pose = np.eye(4)
     pose[:3, :3] = turned.as_matrix()
@@ -240,9 +242,11 @@ def test_a_base_that_flies_is_told_by_odom(stand):
         return np.abs(last(made) - expected).max() < 1e-9
 
     made.stream_until(held, "efforts", **state)
-    made.stream_until(lambda: made.says("efforts go to zero: no odom for more than 200 ms"), "the loss", **state)
+    made.stream_until(
+        lambda: made.has_diagnostic("efforts go to zero: no odom for more than 200 ms"), "the loss", **state
+    )
     odom.child_frame_id = "base_footprint"
-    refused = lambda: made.odom.publish(odom) or made.says("odom refused: unknown base link 'base_foot")  # noqa: E731
+    refused = lambda: made.odom.publish(odom) or made.has_diagnostic("odom refused: unknown base link 'base_foot")  # noqa: E731
     made.stream_until(refused, "the refusal", **state)
 
 
@@ -253,7 +257,7 @@ def test_its_life_cycle_begins_and_ends_with_zeros(stand):
     made.stream(0.3)
     assert not made.commands
     assert made.change_state(Transition.TRANSITION_ACTIVATE)
-    made.connect()
+    made.stream_until_steady()
     assert np.abs(made.commands[0][1]).max() == 0
     assert made.change_state(Transition.TRANSITION_DEACTIVATE)
     made.wait_until(lambda: np.abs(last(made)).max() == 0, "zeros")
@@ -264,11 +268,11 @@ def test_its_life_cycle_begins_and_ends_with_zeros(stand):
     assert made.change_state(Transition.TRANSITION_CLEANUP) and made.change_state(Transition.TRANSITION_CONFIGURE)
     assert made.change_state(Transition.TRANSITION_ACTIVATE)
     ur5e = Dynamics(load_robot("ur5e"), compiled=False)
-    made.connect(q=Q[:6], names=ur5e.joint_names)
+    made.stream_until_steady(q=Q[:6], names=ur5e.joint_names)
     np.testing.assert_allclose(last(made), ur5e.gravity(Q[:6]), atol=1e-9)
 
 
-def test_two_robots_stand_side_by_side_in_one_process_and_topics_are_remapped(ros, caller):
+def test_two_robots_stand_side_by_side_in_one_process_and_topics_are_remapped(ros, client):
     nodes, stands, executor = [], [], SingleThreadedExecutor()
     robots = {"/left": "panda", "/right": "ur5e"}
     try:
@@ -278,7 +282,7 @@ def test_two_robots_stand_side_by_side_in_one_process_and_topics_are_remapped(ro
             arguments = ["--ros-args", "-r", f"__ns:={namespace}", "-r", "joint_states:=encoders"]
             nodes.append(ComputedTorque(parameter_overrides=overrides, cli_args=arguments))
             executor.add_node(nodes[-1])
-            stands.append(Stand(f"{namespace}/computed_torque", caller, states="encoders"))
+            stands.append(ControllerProbe(f"{namespace}/computed_torque", client, states="encoders"))
         libraries = [Dynamics(load_robot(robot), compiled=False) for robot in robots.values()]
         expected = [library.gravity(Q[: len(library.joint_names)]) for library in libraries]
         until = time.monotonic() + 20

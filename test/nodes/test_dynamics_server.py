@@ -3,12 +3,12 @@
 import threading
 
 import numpy as np
-from nodes.questions import (
+from nodes.service_requests import (
     PANDA,
-    STEP,
-    ask,
+    STEP_NS,
     base_accelerations,
-    base_points,
+    base_trajectory,
+    call_successfully,
     direct_request,
     field,
     inverse_request,
@@ -22,74 +22,74 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.dynamics import BASE_ROWS
-from robot_dynamics.nodes.running import Caller
+from robot_dynamics.nodes.processes import ServiceClient
 
 
-def test_inverse_and_direct_answer_as_the_library(caller, panda, library):
+def test_inverse_and_direct_answer_as_the_library(client, panda, panda_dynamics):
     q, qd, qdd = motion(50, 7)
-    answer = ask(caller, panda, inverse_request(PANDA, q, qd, qdd))
-    efforts = library.inverse(q, qd, qdd)
+    answer = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
+    efforts = panda_dynamics.inverse(q, qd, qdd)
     assert list(answer.trajectory.joint_names) == PANDA
     for name, expected in (("positions", q), ("velocities", qd), ("accelerations", qdd), ("effort", efforts)):
         np.testing.assert_array_equal(field(answer.trajectory, name), expected)
     assert answer.base.points == [] and answer.reactions == []
-    back = ask(caller, panda, direct_request(PANDA, q, qd, efforts))
-    np.testing.assert_array_equal(field(back.trajectory, "accelerations"), library.direct(q, qd, efforts))
+    back = call_successfully(client, panda, direct_request(PANDA, q, qd, efforts))
+    np.testing.assert_array_equal(field(back.trajectory, "accelerations"), panda_dynamics.direct(q, qd, efforts))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd, atol=1e-9)
 
 
-def test_terms_answer_as_the_library(caller, panda, library):
+def test_terms_answer_as_the_library(client, panda, panda_dynamics):
     q, qd, _ = motion(1, 7)[:, 0]
-    answer = ask(caller, panda, terms_request(PANDA, q, qd))
+    answer = call_successfully(client, panda, terms_request(PANDA, q, qd))
     assert list(answer.joint_names) == PANDA
-    np.testing.assert_array_equal(np.reshape(answer.inertia_matrix, (7, 7)), library.inertia_matrix(q))
-    np.testing.assert_array_equal(answer.coriolis, library.coriolis(q, qd))
-    np.testing.assert_array_equal(answer.gravity, library.gravity(q))
-    np.testing.assert_array_equal(answer.friction, library.friction(qd))
+    np.testing.assert_array_equal(np.reshape(answer.inertia_matrix, (7, 7)), panda_dynamics.inertia_matrix(q))
+    np.testing.assert_array_equal(answer.coriolis, panda_dynamics.coriolis(q, qd))
+    np.testing.assert_array_equal(answer.gravity, panda_dynamics.gravity(q))
+    np.testing.assert_array_equal(answer.friction, panda_dynamics.friction(qd))
 
 
-def test_ten_thousand_points_come_back_whole_and_in_order(caller, panda, library):
+def test_ten_thousand_points_come_back_whole_and_in_order(client, panda, panda_dynamics):
     q, qd, qdd = motion(10_000, 7)
-    answer = ask(caller, panda, inverse_request(PANDA, q, qd, qdd))
+    answer = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
     np.testing.assert_array_equal(field(answer.trajectory, "positions"), q)
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), library.inverse(q, qd, qdd))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
     times = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in answer.trajectory.points]
-    assert times == [k * STEP for k in range(10_000)]
+    assert times == [k * STEP_NS for k in range(10_000)]
 
 
-def test_joints_in_another_order_are_matched_by_name(caller, panda, library):
+def test_joints_in_another_order_are_matched_by_name(client, panda, panda_dynamics):
     q, qd, qdd = motion(3, 7)
     order = [4, 0, 6, 2, 1, 5, 3]
     names = [PANDA[k] for k in order]
-    answer = ask(caller, panda, inverse_request(names, q[:, order], qd[:, order], qdd[:, order]))
+    answer = call_successfully(client, panda, inverse_request(names, q[:, order], qd[:, order], qdd[:, order]))
     assert list(answer.trajectory.joint_names) == names
-    efforts = library.inverse(q, qd, qdd)
+    efforts = panda_dynamics.inverse(q, qd, qdd)
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), efforts[:, order])
-    back = ask(caller, panda, direct_request(names, q[:, order], qd[:, order], efforts[:, order]))
+    back = call_successfully(client, panda, direct_request(names, q[:, order], qd[:, order], efforts[:, order]))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd[:, order], atol=1e-9)
-    terms = ask(caller, panda, terms_request(names, q[0, order], qd[0, order]))
+    terms = call_successfully(client, panda, terms_request(names, q[0, order], qd[0, order]))
     assert list(terms.joint_names) == names
     matrix = np.reshape(terms.inertia_matrix, (7, 7))
-    np.testing.assert_array_equal(matrix, library.inertia_matrix(q[0])[np.ix_(order, order)])
-    np.testing.assert_array_equal(terms.coriolis, library.coriolis(q[0], qd[0])[order])
-    np.testing.assert_array_equal(terms.gravity, library.gravity(q[0])[order])
+    np.testing.assert_array_equal(matrix, panda_dynamics.inertia_matrix(q[0])[np.ix_(order, order)])
+    np.testing.assert_array_equal(terms.coriolis, panda_dynamics.coriolis(q[0], qd[0])[order])
+    np.testing.assert_array_equal(terms.gravity, panda_dynamics.gravity(q[0])[order])
 
 
-def test_joints_and_links_are_matched_under_the_namespace_of_the_node(caller, start_server, library):
+def test_joints_and_links_are_matched_under_the_namespace_of_the_node(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"}, namespace="/cell/left")
     q, qd, qdd = motion(1, 7)
     weight = [1.0, 2, 3, 4, 5, 6]
-    expected = library.inverse(q, qd, qdd, external_wrenches={"panda_link8": weight})
+    expected = panda_dynamics.inverse(q, qd, qdd, external_wrenches={"panda_link8": weight})
     for prefix in ("", "cell/left/", "/cell/left/"):
         names = [prefix + name for name in reversed(PANDA)]
         request = inverse_request(names, q[:, ::-1], qd[:, ::-1], qdd[:, ::-1])
         request.external_wrenches = [wrench(f"{prefix}panda_link8", weight)]
-        answer = ask(caller, server, request)
+        answer = call_successfully(client, server, request)
         assert list(answer.trajectory.joint_names) == names
         np.testing.assert_allclose(field(answer.trajectory, "effort"), expected[:, ::-1], rtol=1e-12, atol=1e-12)
 
 
-def test_wrenches_act_at_the_points_of_their_stamp_and_add_up(caller, panda, library):
+def test_wrenches_act_at_the_points_of_their_stamp_and_add_up(client, panda, panda_dynamics):
     q, qd, qdd = motion(4, 7)
     always, once = np.array([1.0, 2, 3, 4, 5, 6]), np.array([0, 0, -10.0, 0, 1, 0])
     request = inverse_request(PANDA, q, qd, qdd)
@@ -100,138 +100,146 @@ def test_wrenches_act_at_the_points_of_their_stamp_and_add_up(caller, panda, lib
     ]
     tip = np.tile(always, (4, 1))
     tip[2] += once
-    expected = library.inverse(q, qd, qdd, external_wrenches={"panda_link8": tip, "panda_link3": once})
+    expected = panda_dynamics.inverse(q, qd, qdd, external_wrenches={"panda_link8": tip, "panda_link3": once})
     np.testing.assert_allclose(
-        field(ask(caller, panda, request).trajectory, "effort"), expected, rtol=1e-12, atol=1e-12
+        field(call_successfully(client, panda, request).trajectory, "effort"), expected, rtol=1e-12, atol=1e-12
     )
 
 
-def test_reactions_name_the_link_and_the_point(caller, panda, library):
+def test_reactions_name_the_link_and_the_point(client, panda, panda_dynamics):
     q, qd, qdd = motion(2, 7)
     names = PANDA[::-1]
     request = inverse_request(names, q[:, ::-1], qd[:, ::-1], qdd[:, ::-1], reaction_wrenches=True)
-    answer = ask(caller, panda, request)
-    expected = library.solve(q, qd, qdd=qdd).reactions
+    answer = call_successfully(client, panda, request)
+    expected = panda_dynamics.solve(q, qd, qdd=qdd).reactions
     links = ["panda_link0", *(f"panda_link{k}" for k in range(7, 0, -1))]
     assert [r.header.frame_id for r in answer.reactions] == links * 2
-    assert [r.header.stamp.nanosec for r in answer.reactions] == [0] * 8 + [STEP] * 8
+    assert [r.header.stamp.nanosec for r in answer.reactions] == [0] * 8 + [STEP_NS] * 8
     found = np.array([wrench_values(r) for r in answer.reactions]).reshape(2, 8, 6)
     np.testing.assert_array_equal(found, expected[:, [0, 7, 6, 5, 4, 3, 2, 1]])
 
 
-def test_moving_base_answers_as_the_library(caller, start_server):
+def test_moving_base_answers_as_the_library(client, start_server):
     server = start_server({"robot_file": "free_flying_arm"})
-    library = Dynamics(load_robot("free_flying_arm"), compiled=False)
-    joints = list(library.joint_names)
+    panda_dynamics = Dynamics(load_robot("free_flying_arm"), compiled=False)
+    joints = list(panda_dynamics.joint_names)
     q, qd, qdd = motion(3, len(joints))
     rng = np.random.default_rng(1)
     rotations, positions, twists = Rotation.random(3, random_state=1), rng.normal(size=(3, 3)), rng.normal(size=(3, 6))
     pose = np.tile(np.eye(4), (3, 1, 1))
     pose[:, :3, :3], pose[:, :3, 3] = rotations.as_matrix(), positions
-    question = base_points(rotations.as_quat(), positions, twists)
+    question = base_trajectory(rotations.as_quat(), positions, twists)
 
-    expected = library.solve(q, qd, qdd=qdd, base=Base(pose, twists))
-    answer = ask(caller, server, inverse_request(joints, q, qd, qdd, base=question))
+    expected = panda_dynamics.solve(q, qd, qdd=qdd, base=Base(pose, twists))
+    answer = call_successfully(client, server, inverse_request(joints, q, qd, qdd, base=question))
     np.testing.assert_allclose(field(answer.trajectory, "effort"), expected.efforts, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(base_accelerations(answer.base), expected.base_acceleration, rtol=1e-9, atol=1e-9)
-    assert answer.base.joint_names == [library.robot.base_link]
+    assert answer.base.joint_names == [panda_dynamics.robot.base_link]
     assert answer.base.points[2].transforms[0] == question.points[2].transforms[0]
-    back = ask(caller, server, direct_request(joints, q, qd, expected.efforts, base=question))
+    back = call_successfully(client, server, direct_request(joints, q, qd, expected.efforts, base=question))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd, atol=1e-7)
 
     told = rng.normal(size=(3, 6))
     request = inverse_request(joints, q, qd, qdd, reaction_wrenches=True)
-    request.base = base_points(rotations.as_quat(), positions, twists, told)
-    answer = ask(caller, server, request)
-    expected = library.solve(q, qd, qdd=qdd, base=Base(pose, twists, told))
+    request.base = base_trajectory(rotations.as_quat(), positions, twists, told)
+    answer = call_successfully(client, server, request)
+    expected = panda_dynamics.solve(q, qd, qdd=qdd, base=Base(pose, twists, told))
     np.testing.assert_allclose(base_accelerations(answer.base), told, rtol=0, atol=1e-12)
     np.testing.assert_allclose(wrench_values(answer.reactions[0]), expected.reactions[0, 0], rtol=1e-9)
 
-    answer = ask(caller, server, terms_request(joints, q[1], qd[1], question.points[1]))
+    answer = call_successfully(client, server, terms_request(joints, q[1], qd[1], question.points[1]))
     size, base = 6 + len(joints), Base(pose[1], twists[1])
     assert list(answer.joint_names) == [*BASE_ROWS, *joints]
     np.testing.assert_allclose(
-        np.reshape(answer.inertia_matrix, (size, size)), library.inertia_matrix(q[1]), rtol=1e-12
+        np.reshape(answer.inertia_matrix, (size, size)), panda_dynamics.inertia_matrix(q[1]), rtol=1e-12
     )
-    np.testing.assert_allclose(answer.coriolis, library.coriolis(q[1], qd[1], base=base), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(answer.gravity, library.gravity(q[1], base=base), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(answer.coriolis, panda_dynamics.coriolis(q[1], qd[1], base=base), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(answer.gravity, panda_dynamics.gravity(q[1], base=base), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(answer.friction, np.zeros(size))
 
 
-def test_base_and_gravity_parameters_are_heard(caller, start_server):
+def test_base_and_gravity_parameters_are_heard(client, start_server):
     urdf = real_urdf("borinot")
     server = start_server({"robot_description": urdf, "base": "fixed", "gravity": [0.0, 3.0, 0.0]})
-    library = Dynamics(load_robot(urdf, moving_base=False, gravity=(0, 3, 0)), compiled=False)
-    q, qd, qdd = motion(2, len(library.joint_names))
-    answer = ask(caller, server, inverse_request(library.joint_names, q, qd, qdd))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), library.inverse(q, qd, qdd))
-    assert caller.set_parameters(server, {"base": "moving"}).successful
-    base = base_points([[0, 0, 0, 1]] * 2, np.zeros((2, 3)), np.zeros((2, 6)))
-    answer = ask(caller, server, inverse_request(library.joint_names, q, qd, qdd, base=base))
+    panda_dynamics = Dynamics(load_robot(urdf, moving_base=False, gravity=(0, 3, 0)), compiled=False)
+    q, qd, qdd = motion(2, len(panda_dynamics.joint_names))
+    answer = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd))
+    np.testing.assert_array_equal(field(answer.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
+    assert client.set_parameters(server, {"base": "moving"}).successful
+    base = base_trajectory([[0, 0, 0, 1]] * 2, np.zeros((2, 3)), np.zeros((2, 6)))
+    answer = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd, base=base))
     assert len(answer.base.points) == 2
 
 
-def test_mimic_joints_may_be_left_out_and_are_appended(caller, start_server):
+def test_mimic_joints_may_be_left_out_and_are_appended(client, start_server):
     urdf = real_urdf("panda")
-    server, library = start_server({"robot_description": urdf}), Dynamics(load_robot(urdf), compiled=False)
-    joints, follower = list(library.joint_names), "panda_finger_joint2"
+    server, panda_dynamics = start_server({"robot_description": urdf}), Dynamics(load_robot(urdf), compiled=False)
+    joints, follower = list(panda_dynamics.joint_names), "panda_finger_joint2"
     q, qd, qdd = motion(2, 8)
-    answer = ask(caller, server, inverse_request(joints, q, qd, qdd, reaction_wrenches=True))
+    answer = call_successfully(client, server, inverse_request(joints, q, qd, qdd, reaction_wrenches=True))
     assert list(answer.trajectory.joint_names) == [*joints, follower]
-    np.testing.assert_array_equal(field(answer.trajectory, "positions"), library.expand(q))
+    np.testing.assert_array_equal(field(answer.trajectory, "positions"), panda_dynamics.expand_positions(q))
     efforts = field(answer.trajectory, "effort")
-    np.testing.assert_array_equal(efforts[:, :8], library.inverse(q, qd, qdd))
+    np.testing.assert_array_equal(efforts[:, :8], panda_dynamics.inverse(q, qd, qdd))
     np.testing.assert_array_equal(efforts[:, 8], 0)
     assert len(answer.reactions) == 2 * 10
     named = [follower, *joints]
     both = [np.concatenate([values[:, 7:], values], axis=1) for values in (q, qd, qdd)]
-    answer = ask(caller, server, inverse_request(named, *both))
+    answer = call_successfully(client, server, inverse_request(named, *both))
     assert list(answer.trajectory.joint_names) == named
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), np.roll(efforts, 1, axis=1))
     # an effort on the follower counts at its leader
     shared = np.concatenate([np.full((2, 1), 0.5), efforts[:, :8]], axis=1)
     shared[:, 8] -= 0.5
     positions, velocities, _ = both
-    answer = ask(caller, server, direct_request(named, positions, velocities, shared))
+    answer = call_successfully(client, server, direct_request(named, positions, velocities, shared))
     np.testing.assert_allclose(field(answer.trajectory, "accelerations"), both[2], atol=1e-7)
-    terms = ask(caller, server, terms_request(named, positions[0], velocities[0]))
+    terms = call_successfully(client, server, terms_request(named, positions[0], velocities[0]))
     assert list(terms.joint_names) == joints
 
 
-def test_payload_changed_while_running_shows_in_the_next_answer(caller, start_server, library):
+def test_payload_changed_while_running_shows_in_the_next_answer(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     q, qd, qdd = motion(5, 7)
     request = inverse_request(PANDA, q, qd, qdd)
-    np.testing.assert_array_equal(field(ask(caller, server, request).trajectory, "effort"), library.inverse(q, qd, qdd))
+    np.testing.assert_array_equal(
+        field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
+    )
     payload = {"payload.mass": 2.0, "payload.first_moments": [0.02, 0.0, 0.2]}
     payload["payload.inertia"] = [0.03, 0.001, 0.0, 0.04, -0.002, 0.01]
-    assert caller.set_parameters(server, payload).successful
+    assert client.set_parameters(server, payload).successful
     # nothing is carried until a link is named
-    np.testing.assert_array_equal(field(ask(caller, server, request).trajectory, "effort"), library.inverse(q, qd, qdd))
-    assert caller.set_parameters(server, {"payload.link": "panda_link8"}).successful
+    np.testing.assert_array_equal(
+        field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
+    )
+    assert client.set_parameters(server, {"payload.link": "panda_link8"}).successful
     tensor = [[0.03, 0.001, 0.0], [0.001, 0.04, -0.002], [0.0, -0.002, 0.01]]
-    loaded = Dynamics(library.robot.with_payload("panda_link8", Inertia(2.0, [0.02, 0.0, 0.2], tensor)), compiled=False)
-    efforts = field(ask(caller, server, request).trajectory, "effort")
+    loaded = Dynamics(
+        panda_dynamics.robot.with_payload("panda_link8", Inertia(2.0, [0.02, 0.0, 0.2], tensor)), compiled=False
+    )
+    efforts = field(call_successfully(client, server, request).trajectory, "effort")
     np.testing.assert_array_equal(efforts, loaded.inverse(q, qd, qdd))
-    assert np.abs(efforts - library.inverse(q, qd, qdd)).max() > 1
-    assert caller.set_parameters(server, {"payload.link": ""}).successful
-    np.testing.assert_array_equal(field(ask(caller, server, request).trajectory, "effort"), library.inverse(q, qd, qdd))
+    assert np.abs(efforts - panda_dynamics.inverse(q, qd, qdd)).max() > 1
+    assert client.set_parameters(server, {"payload.link": ""}).successful
+    np.testing.assert_array_equal(
+        field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
+    )
 
 
-def test_no_request_is_dropped_while_the_robot_is_reloaded(caller, start_server, library):
+def test_no_request_is_dropped_while_the_robot_is_reloaded(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     q, qd, qdd = motion(1, 7)
     request = inverse_request(PANDA, q, qd, qdd)
-    empty = library.inverse(q, qd, qdd)
+    empty = panda_dynamics.inverse(q, qd, qdd)
     heavy = Dynamics(load_robot("panda", gravity=(0, 0, -98.1)), compiled=False).inverse(q, qd, qdd)
-    ask(caller, server, request)
+    call_successfully(client, server, request)
     answers, faults, first, stop = [], [], threading.Event(), threading.Event()
 
     def hammer():
-        other = Caller("hammer")
+        other = ServiceClient("hammer")
         try:
             while not stop.is_set():
-                answers.append(field(ask(other, server, request).trajectory, "effort"))
+                answers.append(field(call_successfully(other, server, request).trajectory, "effort"))
                 first.set()
         except BaseException as fault:  # told to the test below
             faults.append(fault)
@@ -244,8 +252,8 @@ def test_no_request_is_dropped_while_the_robot_is_reloaded(caller, start_server,
         assert first.wait(60)
         for k in range(20):
             strong = k % 2 == 0
-            assert caller.set_parameters(server, {"gravity": [0.0, 0.0, -98.1 if strong else -9.81]}).successful
-            now = field(ask(caller, server, request).trajectory, "effort")
+            assert client.set_parameters(server, {"gravity": [0.0, 0.0, -98.1 if strong else -9.81]}).successful
+            now = field(call_successfully(client, server, request).trajectory, "effort")
             np.testing.assert_array_equal(now, heavy if strong else empty)
     finally:
         stop.set()

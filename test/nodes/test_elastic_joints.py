@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from nodes.questions import (
-    ask,
+from nodes.service_requests import (
     base_accelerations,
-    base_points,
-    call,
+    base_trajectory,
+    call_service,
+    call_successfully,
     direct_request,
     equilibrium_request,
     field,
@@ -19,7 +19,7 @@ from nodes.questions import (
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 
 FIXED = Dynamics(load_robot("manutec_r3"), compiled=False)
 # what stands on the ground has no mass in the table; free to move it must have some
@@ -30,7 +30,7 @@ MOVING = Dynamics(
 )
 ORDER = np.random.default_rng(5).permutation(9)
 JOINTS = [FIXED.joint_names[k] for k in ORDER]
-SPRINGS = [JOINTS.index(name) for name in FIXED.undriven_joint_names]
+SPRINGS = [JOINTS.index(name) for name in FIXED.unactuated_joint_names]
 BACK = np.argsort(ORDER)  # from the asker's order to the robot's
 Q, QD, QDD = np.random.default_rng(6).uniform(-1, 1, (3, 4, 9)) * np.array([1, 1, 3])[:, None, None]
 Q[:, SPRINGS] *= 1e-3
@@ -52,10 +52,10 @@ def in_library(dynamics, base=None, wrenches=None):
 
 
 @pytest.mark.parametrize("left_open", [np.nan, 0.0])
-def test_inverse_answers_the_accelerations_of_the_springs_and_the_efforts_of_the_motors(manutec, caller, left_open):
+def test_inverse_answers_the_accelerations_of_the_springs_and_the_efforts_of_the_motors(manutec, client, left_open):
     asked = np.nan_to_num(QDD, nan=left_open)
     load = wrench("load", [3, -5, -150, 1, 0, 2])
-    answer = ask(caller, manutec, inverse_request(JOINTS, Q, QD, asked, external_wrenches=[load]))
+    answer = call_successfully(client, manutec, inverse_request(JOINTS, Q, QD, asked, external_wrenches=[load]))
     expected = in_library(FIXED, wrenches={"load": [3, -5, -150, 1, 0, 2]})
     assert list(answer.trajectory.joint_names) == JOINTS
     np.testing.assert_array_equal(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER])
@@ -64,11 +64,11 @@ def test_inverse_answers_the_accelerations_of_the_springs_and_the_efforts_of_the
     assert np.abs(field(answer.trajectory, "accelerations")[:, SPRINGS]).min() > 0
 
 
-def test_direct_gives_the_accelerations_back_that_the_efforts_came_from(manutec, caller):
+def test_direct_gives_the_accelerations_back_that_the_efforts_came_from(manutec, client):
     expected = in_library(FIXED)
     efforts = expected.efforts[:, ORDER].copy()
     efforts[:, SPRINGS] = np.nan
-    answer = ask(caller, manutec, direct_request(JOINTS, Q, QD, efforts))
+    answer = call_successfully(client, manutec, direct_request(JOINTS, Q, QD, efforts))
     np.testing.assert_allclose(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER], rtol=1e-8)
 
 
@@ -80,19 +80,19 @@ def base_of(rng, count=4):
     return quaternions, positions, twists, poses
 
 
-def test_elastic_joints_on_a_moving_base(flying, caller):
+def test_elastic_joints_on_a_moving_base(flying, client):
     quaternions, positions, twists, poses = base_of(np.random.default_rng(7))
-    base = base_points(quaternions, positions, twists)
-    answer = ask(caller, flying, inverse_request(JOINTS, Q, QD, QDD, base=base))
+    base = base_trajectory(quaternions, positions, twists)
+    answer = call_successfully(client, flying, inverse_request(JOINTS, Q, QD, QDD, base=base))
     expected = in_library(MOVING, Base(poses, twists))
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
     np.testing.assert_array_equal(base_accelerations(answer.base), expected.base_acceleration)
 
 
-def test_equilibrium_under_gravity_and_a_wrench(manutec, caller):
+def test_equilibrium_under_gravity_and_a_wrench(manutec, client):
     asked = equilibrium_request(JOINTS, Q, external_wrenches=[wrench("load", [0, 0, -150, 0, 0, 0], stamp=2)])
     asked.reaction_wrenches = True
-    answer = ask(caller, manutec, asked)
+    answer = call_successfully(client, manutec, asked)
     wrenches = np.zeros((4, 6))
     wrenches[2, 2] = -150
     expected = FIXED.equilibrium(Q[:, BACK], external_wrenches={"load": wrenches})
@@ -105,26 +105,26 @@ def test_equilibrium_under_gravity_and_a_wrench(manutec, caller):
     np.testing.assert_allclose(np.linalg.norm(ground[:3]), 9.81 * 116.8)
 
 
-def test_equilibrium_on_a_base_that_is_held_or_moved_on(flying, caller):
+def test_equilibrium_on_a_base_that_is_held_or_moved_on(flying, client):
     quaternions, positions, twists, poses = base_of(np.random.default_rng(8))
-    held = base_points(quaternions, positions, np.zeros((4, 6)))
+    held = base_trajectory(quaternions, positions, np.zeros((4, 6)))
     expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses))
     for velocities in ([twist(np.zeros(6))], []):
         for base_point in held.points:
             base_point.velocities = velocities
-        answer = ask(caller, flying, equilibrium_request(JOINTS, Q, base=held))
+        answer = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=held))
         np.testing.assert_array_equal(field(answer.trajectory, "positions"), expected.positions[:, ORDER])
     told = np.random.default_rng(9).uniform(-3, 3, (4, 6))
-    moved = base_points(quaternions, positions, np.zeros((4, 6)), told)
-    answer = ask(caller, flying, equilibrium_request(JOINTS, Q, base=moved))
+    moved = base_trajectory(quaternions, positions, np.zeros((4, 6)), told)
+    answer = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=moved))
     expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses, acceleration=told))
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
-    turning = equilibrium_request(JOINTS, Q, base=base_points(quaternions, positions, twists))
-    assert "an equilibrium is at rest" in call(caller, flying, turning).message
+    turning = equilibrium_request(JOINTS, Q, base=base_trajectory(quaternions, positions, twists))
+    assert "an equilibrium is at rest" in call_service(client, flying, turning).message
 
 
-def test_terms_tell_the_springs_alone(manutec, caller):
-    answer = ask(caller, manutec, terms_request(JOINTS, Q[0], QD[0]))
+def test_terms_tell_the_springs_alone(manutec, client):
+    answer = call_successfully(client, manutec, terms_request(JOINTS, Q[0], QD[0]))
     expected = FIXED.elasticity(Q[0, BACK], QD[0, BACK])[ORDER]
     np.testing.assert_array_equal(answer.elasticity, expected)
     assert np.flatnonzero(answer.elasticity).tolist() == sorted(SPRINGS)
@@ -155,14 +155,14 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_question_that_gives_what_no_motor_can_do_is_refused(case, manutec, caller):
+def test_question_that_gives_what_no_motor_can_do_is_refused(case, manutec, client):
     request, reason = BAD[case]
-    response = call(caller, manutec, request)
+    response = call_service(client, manutec, request)
     assert not response.success and reason in response.message, response.message
 
 
 @pytest.mark.parametrize("form", ["yaml", "par"])
-def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, start_server, tmp_path):
+def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, client, start_server, tmp_path):
     if form == "yaml":
         text = write_mdh_yaml(load_robot("rx90"))
         names = [f"joint_{k}" for k in range(1, 7)]
@@ -177,16 +177,16 @@ def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, caller, st
     q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 2, len(names)))
     server = start_server({"robot_description": text})
     for _ in range(2):
-        answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+        answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
         np.testing.assert_array_equal(field(answer.trajectory, "effort"), dynamics.inverse(q, qd, qdd))
-        changed = caller.set_parameters(server, {"robot_description": "", "robot_file": str(path)})
+        changed = client.set_parameters(server, {"robot_description": "", "robot_file": str(path)})
         assert changed.successful, changed.reason
-    changed = caller.set_parameters(server, {"gravity": [0.0, 0.0, -1.62]})
+    changed = client.set_parameters(server, {"gravity": [0.0, 0.0, -1.62]})
     assert changed.successful, changed.reason
-    answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+    answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
     moon = Dynamics(load_robot(text, gravity=(0, 0, -1.62)), compiled=False)
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), moon.inverse(q, qd, qdd))
-    changed = caller.set_parameters(server, {"gravity": ""})
+    changed = client.set_parameters(server, {"gravity": ""})
     assert changed.successful, changed.reason
 
 
@@ -198,15 +198,15 @@ joints:
 """
 
 
-def test_what_follows_an_elastic_joint_is_left_open_as_well(caller, start_server):
+def test_what_follows_an_elastic_joint_is_left_open_as_well(client, start_server):
     """nan stands for the acceleration of the spring and of what it leads; both are in the answer."""
     server, dynamics = start_server({"robot_description": FOLLOWED}), Dynamics(load_robot(FOLLOWED), compiled=False)
     names, nan = ["driven", "follower", "sprung"], np.nan
     q, qd, qdd = [[0.3, -0.1, 0.2]], [[0.1, -0.25, 0.5]], [[1.0, nan, nan]]
-    answer = ask(caller, server, inverse_request(names, q, qd, qdd))
+    answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
     expected = dynamics.solve([0.2, 0.3], [0.5, 0.1], qdd=[nan, 1.0])
     sprung = expected.accelerations[0]
     np.testing.assert_allclose(field(answer.trajectory, "accelerations"), [[1.0, -0.5 * sprung, sprung]], rtol=1e-12)
     np.testing.assert_allclose(field(answer.trajectory, "effort"), [[expected.efforts[1], 0, 0]], rtol=1e-12)
-    refused = call(caller, server, inverse_request(names, q, qd, [[nan, nan, nan]]))
+    refused = call_service(client, server, inverse_request(names, q, qd, [[nan, nan, nan]]))
     assert not refused.success and "a finite number is needed" in refused.message

@@ -5,12 +5,12 @@ import time
 from contextlib import contextmanager
 
 import pytest
-from nodes.stand import Stand
+from nodes.controller_probe import ControllerProbe
 from rcl_interfaces.srv import GetParameters
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.processes import running_node
 
 WARNING = "this rclpy has no EventsExecutor"
 HIDDEN = """
@@ -43,32 +43,32 @@ def node_of(executable, old_rclpy):
     assert log.read_text().count(WARNING) == (executable != "dynamics_server"), log.read_text()
 
 
-def test_computed_torque_without_events_executor(old_rclpy, caller):
+def test_computed_torque_without_events_executor(old_rclpy, client):
     with node_of("computed_torque", old_rclpy):
-        stand = Stand("/old/computed_torque", caller)
+        stand = ControllerProbe("/old/computed_torque", client)
         try:
-            stand.connect()
+            stand.stream_until_steady()
             assert stand.set_parameters(mode="gravity_compensation").successful
         finally:
             stand.close()
 
 
-def test_mobile_base_simulator_without_events_executor(old_rclpy, caller):
+def test_mobile_base_simulator_without_events_executor(old_rclpy, client):
     states = []
-    subscription = caller.node.create_subscription(JointState, "/old/joint_states", states.append, 10)
+    subscription = client.node.create_subscription(JointState, "/old/joint_states", states.append, 10)
     with node_of("mobile_base_simulator", old_rclpy):
         until = time.monotonic() + 30
         while len(states) < 20:
             assert time.monotonic() < until, "no states"
-            caller.spin(0.1)
-    caller.node.destroy_subscription(subscription)
+            client.spin(0.1)
+    client.node.destroy_subscription(subscription)
 
 
 @pytest.mark.parametrize("executable", ["replay_check", "dynamics_server"])
-def test_services_without_events_executor(executable, old_rclpy, caller):
+def test_services_without_events_executor(executable, old_rclpy, client):
     with node_of(executable, old_rclpy):
         request = GetParameters.Request(names=["robot_file"])
-        response = caller.call(GetParameters, f"/old/{executable}/get_parameters", request)
+        response = client.call(GetParameters, f"/old/{executable}/get_parameters", request)
         assert response.values[0].string_value == "panda"
         if executable == "replay_check":
-            assert caller.call(Trigger, "/old/replay_check/report", Trigger.Request()).message
+            assert client.call(Trigger, "/old/replay_check/report", Trigger.Request()).message

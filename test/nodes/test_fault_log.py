@@ -3,10 +3,10 @@
 import time
 
 import numpy as np
-from nodes.stand import Q, Stand
+from nodes.controller_probe import ControllerProbe, Q
 
-from robot_dynamics.nodes.fault_log import PERIOD, FaultLog
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.computed_torque.fault_log import PERIOD, FaultLog
+from robot_dynamics.nodes.processes import running_node
 
 
 class Lines(list):
@@ -48,12 +48,12 @@ def test_a_change_is_logged_at_once_and_more_of_them_together():
     assert lines[4:] == ["efforts went to zero for a moment: too old by 5 s; they are sent again"]
 
 
-def test_a_node_whose_states_are_good_and_bad_in_turn_logs_a_line_a_second(caller, tmp_path):
+def test_a_node_whose_states_are_good_and_bad_in_turn_logs_a_line_a_second(client, tmp_path):
     log, parameters = tmp_path / "log", {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.5}
     began = time.monotonic()
     with log.open("w") as file, running_node("computed_torque", parameters, "/in_turn", log=file):
-        stand = Stand("/in_turn/computed_torque", caller)
-        stand.connect()
+        stand = ControllerProbe("/in_turn/computed_torque", client)
+        stand.stream_until_steady()
         for _ in range(100):
             stand.publish(np.full(7, np.nan))
             time.sleep(0.01)

@@ -4,7 +4,7 @@ place go on being told in the trajectory; answers are those of multipliers on ma
 import numpy as np
 import pytest
 from geometry_msgs.msg import Transform
-from nodes.questions import ask, call, field, point, twist, twist_values
+from nodes.service_requests import call_service, call_successfully, field, point, twist, twist_values
 from peers.maximal_coordinates import MaximalCoordinates
 from peers.planar_stack import planar_stack
 from peers.platform_states import random_states
@@ -47,7 +47,7 @@ def told_of_others(dynamics, states, **more):
     points = []
     for k in range(COUNT):
         fields = {}
-        for field_name, values in zip(("positions", "velocities", "accelerations"), states.others, strict=True):
+        for field_name, values in zip(("positions", "velocities", "accelerations"), states.other_joints, strict=True):
             if places and not (field_name == "accelerations" and more):
                 fields[field_name] = np.full(len(dynamics.joint_names), np.nan)
                 fields[field_name][places] = values[k]
@@ -55,7 +55,7 @@ def told_of_others(dynamics, states, **more):
     return points
 
 
-def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(caller, stack):
+def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(client, stack):
     server, dynamics = stack
     states, robot = random_states(dynamics, COUNT, np.random.default_rng(6), reach=0.05), dynamics.robot
     links = list(reversed(robot.platform_links))
@@ -63,7 +63,7 @@ def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(calle
     request.trajectory.joint_names, request.base.joint_names = list(dynamics.joint_names), links
     request.trajectory.points = told_of_others(dynamics, states)
     request.base.points = platform_points(links, states, accelerated=True)
-    answer = ask(caller, server, request)
+    answer = call_successfully(client, server, request)
     order = np.argsort([robot.joint_numbers[name] for name in answer.trajectory.joint_names])
     q, qd, qdd, efforts = (
         field(answer.trajectory, key)[:, order] for key in ("positions", "velocities", "accelerations", "effort")
@@ -86,14 +86,14 @@ def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(calle
     numbers = [robot.joint_numbers[name] for name in dynamics.joint_names]
     back.trajectory.points = told_of_others(dynamics, states, effort=efforts[:, numbers])
     back.base.points = platform_points(robot.platform_links, states, accelerated=False)
-    found = ask(caller, server, back)
+    found = call_successfully(client, server, back)
     for k in range(COUNT):
         for place, link in enumerate(robot.platform_links):
             acceleration = twist_values(found.base.points[k].accelerations[place])
             np.testing.assert_allclose(acceleration, states.accelerations[link][k], atol=1e-6)
 
 
-def test_what_does_not_fit_is_told_and_the_node_serves_on(caller, stack):
+def test_what_does_not_fit_is_told_and_the_node_serves_on(client, stack):
     server, dynamics = stack
     states = random_states(dynamics, COUNT, np.random.default_rng(6), reach=0.05)
 
@@ -102,7 +102,7 @@ def test_what_does_not_fit_is_told_and_the_node_serves_on(caller, stack):
         request.trajectory.joint_names, request.base.joint_names = list(dynamics.joint_names), list(names)
         request.trajectory.points = [point(k, **fields) for k in range(COUNT)]
         request.base.points = platform_points(links, states, accelerated=True)
-        return call(caller, server, request)
+        return call_service(client, server, request)
 
     assert "base.joint_names are lower: each of" in asked(names=["lower"]).message
     assert "base.joint_names are lower, lower: each of" in asked(names=["lower", "lower"]).message

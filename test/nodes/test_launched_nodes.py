@@ -11,8 +11,8 @@ import pytest
 import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from nodes.questions import call, inverse_request
-from nodes.stand import trajectory
+from nodes.controller_probe import trajectory_message
+from nodes.service_requests import call_service, inverse_request
 from peers.launch_files import ROOT, DeclareLaunchArgument, description, performed, started
 from peers.real_robots import real_urdf
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.nodes.running import stop
+from robot_dynamics.nodes.processes import terminate_process
 
 FILES = sorted(path.name for path in (ROOT / "launch").glob("*.launch.py"))
 # simulated time waits for each effort, so that a busy machine loses none
@@ -41,7 +41,7 @@ def launched(folder, file, *arguments):
             logs[executable] = folder / f"{executable}_{len(list(folder.iterdir()))}.log"
             log = stack.enter_context(logs[executable].open("w"))
             command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args", *told]
-            stack.callback(stop, subprocess.Popen(command, stdout=log, stderr=log))
+            stack.callback(terminate_process, subprocess.Popen(command, stdout=log, stderr=log))
         yield logs
 
 
@@ -52,11 +52,11 @@ def with_parameters(folder, values_of):
     return f"parameters:={path}"
 
 
-def eventually(caller, condition, logs, patience=60.0):
+def eventually(client, condition, logs, patience=60.0):
     deadline = time.monotonic() + patience
     while not condition():
         assert time.monotonic() < deadline, "\n".join(path.read_text() for each in logs for path in each.values())
-        caller.spin(0.1)
+        client.spin(0.1)
 
 
 @pytest.mark.parametrize("file", FILES)
@@ -114,21 +114,21 @@ def test_time_is_that_of_the_arguments_but_where_the_parameter_file_says_otherwi
     assert tuple(values.values()) == expected
 
 
-def test_with_robot_none_the_robot_of_the_topic_is_served(caller, tmp_path):
-    latched = caller.node.create_publisher(
+def test_with_robot_none_the_robot_of_the_topic_is_served(client, tmp_path):
+    latched = client.node.create_publisher(
         String, "/launched/robot_description", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     )
     latched.publish(String(data=real_urdf("ur5")))
     zero = np.zeros((1, 6))
     with launched(tmp_path, "dynamics_server.launch.py", "robot:=none", "namespace:=launched") as logs:
         request = inverse_request(UR5, zero, zero, zero)
-        eventually(caller, lambda: call(caller, "/launched/dynamics_server", request).success, [logs])
-    caller.node.destroy_publisher(latched)
+        eventually(client, lambda: call_service(client, "/launched/dynamics_server", request).success, [logs])
+    client.node.destroy_publisher(latched)
 
 
-def test_two_closed_loops_run_side_by_side_under_two_namespaces(caller, tmp_path):
+def test_two_closed_loops_run_side_by_side_under_two_namespaces(client, tmp_path):
     """Each robot goes where its own reference leads, by a simulated time of its own."""
-    node, names = caller.node, [f"panda_joint{k}" for k in range(1, 8)]
+    node, names = client.node, [f"panda_joint{k}" for k in range(1, 8)]
     moves = {"left": np.array([0.1, -0.1, 0, -0.2, 0, 0.1, 0]), "right": np.array([-0.1, 0, 0.1, -0.1, 0.1, 0, 0.1])}
     states, held = {}, []
     for side in moves:
@@ -147,15 +147,15 @@ def test_two_closed_loops_run_side_by_side_under_two_namespaces(caller, tmp_path
             )
             for side in moves
         ]
-        eventually(caller, moving, logs)
+        eventually(client, moving, logs)
         goals = {side: np.array(states[side].position) + move for side, move in moves.items()}
         for side, goal in goals.items():
-            out[side].publish(trajectory(names, [0.2], [goal], [np.zeros(7)]))
+            out[side].publish(trajectory_message(names, [0.2], [goal], [np.zeros(7)]))
 
         def arrived():
             return all(np.abs(np.array(states[side].position) - goal).max() < 2e-3 for side, goal in goals.items())
 
-        eventually(caller, arrived, logs, patience=120.0)
+        eventually(client, arrived, logs, patience=120.0)
         topics = dict(node.get_topic_names_and_types())
         assert {"/left/clock", "/right/clock"} <= set(topics) and not node.get_publishers_info_by_topic("/clock")
     for each in logs:
@@ -168,41 +168,41 @@ def text(logs):
     return "\n".join(path.read_text() for path in logs.values())
 
 
-def test_a_second_clock_is_named_by_all_that_it_concerns(caller, tmp_path):
+def test_a_second_clock_is_named_by_all_that_it_concerns(client, tmp_path):
     diagnostics = []
-    heard = caller.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
+    heard = client.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
     paused, second = with_parameters(tmp_path, PAUSED), tmp_path / "second"
     second.mkdir()
     with launched(tmp_path, "closed_loop.launch.py", "namespace:=left", "clock:=/clock", paused) as first:
-        eventually(caller, lambda: "controls" in text(first) and "simulates" in text(first), [first])
+        eventually(client, lambda: "controls" in text(first) and "simulates" in text(first), [first])
         with launched(second, "mobile_base_simulator.launch.py", "namespace:=right", paused) as other:
             both = "/clock is published by /left/mobile_base_simulator and /right/mobile_base_simulator"
-            eventually(caller, lambda: both in first["computed_torque"].read_text(), [first, other])
+            eventually(client, lambda: both in first["computed_torque"].read_text(), [first, other])
             statuses = lambda: [status for message in diagnostics for status in message.status]  # noqa: E731
             eventually(
-                caller, lambda: any("computed_torque" in s.name and both in s.message for s in statuses()), [first]
+                client, lambda: any("computed_torque" in s.name and both in s.message for s in statuses()), [first]
             )
             says = "/clock is published by {} as well"
             named = says.format("/left/mobile_base_simulator")
-            eventually(caller, lambda: named in other["mobile_base_simulator"].read_text(), [first, other])
+            eventually(client, lambda: named in other["mobile_base_simulator"].read_text(), [first, other])
             named = says.format("/right/mobile_base_simulator")
-            eventually(caller, lambda: named in first["mobile_base_simulator"].read_text(), [first, other])
+            eventually(client, lambda: named in first["mobile_base_simulator"].read_text(), [first, other])
             for name in ("left/mobile_base_simulator", "right/mobile_base_simulator"):
-                assert caller.set_parameters(f"/{name}", {"publish_clock": False}).successful
-            eventually(caller, lambda: not caller.node.get_publishers_info_by_topic("/clock"), [first, other])
+                assert client.set_parameters(f"/{name}", {"publish_clock": False}).successful
+            eventually(client, lambda: not client.node.get_publishers_info_by_topic("/clock"), [first, other])
         assert text(other).count("as well") == 1 and text(first).count(both) == 1
-    caller.node.destroy_subscription(heard)
+    client.node.destroy_subscription(heard)
 
 
-def test_one_clock_is_no_reason_to_warn_and_one_of_the_same_name_is(caller, tmp_path):
+def test_one_clock_is_no_reason_to_warn_and_one_of_the_same_name_is(client, tmp_path):
     simulator, paused = "mobile_base_simulator.launch.py", with_parameters(tmp_path, PAUSED)
     with launched(tmp_path, simulator, "namespace:=alone", paused) as first:
         (tmp_path / "own").mkdir()
         with launched(tmp_path / "own", simulator, "namespace:=own", "clock:=none", paused) as other:
-            eventually(caller, lambda: "simulates" in text(first) and "simulates" in text(other), [first, other])
-            caller.spin(2.5)
+            eventually(client, lambda: "simulates" in text(first) and "simulates" in text(other), [first, other])
+            client.spin(2.5)
             assert "published by" not in text(first) + text(other)
         (tmp_path / "same").mkdir()
         with launched(tmp_path / "same", simulator, "namespace:=alone", paused) as other:
             named = "/clock is published by another node of the same name as well"
-            eventually(caller, lambda: named in text(first) and named in text(other), [first, other])
+            eventually(client, lambda: named in text(first) and named in text(other), [first, other])

@@ -6,24 +6,24 @@ import numpy as np
 import pytest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import GetState
-from nodes.questions import (
+from nodes.controller_probe import ControllerProbe
+from nodes.controller_probe import Q as POSE
+from nodes.service_requests import (
     PANDA,
     QD,
     Q,
-    ask,
-    call,
+    call_service,
+    call_successfully,
     direct_request,
     equilibrium_request,
     field,
     inverse,
     terms_request,
 )
-from nodes.stand import Q as POSE
-from nodes.stand import Stand
 from peers.real_robots import without_inertials
 
 from robot_dynamics import shipped_robots
-from robot_dynamics.nodes.running import Caller
+from robot_dynamics.nodes.processes import ServiceClient
 
 SAID = "none of its moving links has a mass"
 WHOLE = shipped_robots()["panda"].read_text()
@@ -33,25 +33,25 @@ PAYLOAD = {"payload.link": "panda_link8", "payload.mass": 2.0}
 PATIENT = {"deadline": 1.0, "state_timeout": 0.5, "mode": "gravity_compensation"}
 
 
-def test_services_answer_and_say_that_masses_are_missing(caller, start_server):
+def test_services_answer_and_say_that_masses_are_missing(client, start_server):
     server = start_server({"robot_description": BARE})
     requests = [inverse(), terms_request(PANDA, Q[0], QD[0]), equilibrium_request(PANDA, Q)]
     for request in requests:
-        response = call(caller, server, request)
+        response = call_service(client, server, request)
         assert response.success and SAID in response.message and "robot-dynamics identify" in response.message
-    assert np.abs(field(call(caller, server, inverse()).trajectory, "effort")).max() == 0
-    refused = call(caller, server, direct_request(PANDA, Q, QD, QD))
+    assert np.abs(field(call_service(client, server, inverse()).trajectory, "effort")).max() == 0
+    refused = call_service(client, server, direct_request(PANDA, Q, QD, QD))
     assert not refused.success and "nothing with inertia" in refused.message
     # a payload is no mass of the robot
-    assert caller.set_parameters(server, PAYLOAD).successful
-    response = call(caller, server, inverse())
+    assert client.set_parameters(server, PAYLOAD).successful
+    response = call_service(client, server, inverse())
     assert response.success and SAID in response.message
     assert np.abs(field(response.trajectory, "effort")).max() > 1
     # and what was refused in between changes nothing
-    assert not caller.set_parameters(server, {"robot_description": WHOLE, "payload.link": "nothing"}).successful
-    assert SAID in call(caller, server, inverse()).message
-    assert caller.set_parameters(server, {"robot_description": WHOLE}).successful
-    ask(caller, server, inverse())  # without a message
+    assert not client.set_parameters(server, {"robot_description": WHOLE, "payload.link": "nothing"}).successful
+    assert SAID in call_service(client, server, inverse()).message
+    assert client.set_parameters(server, {"robot_description": WHOLE}).successful
+    call_successfully(client, server, inverse())  # without a message
 
 
 @pytest.fixture
@@ -61,8 +61,8 @@ def control(start_server):
 
     def start(text, **parameters):
         told = {"robot_description": text, **PATIENT, **parameters}
-        callers.append(Caller("asker"))
-        stands.append(Stand(start_server(told, executable="computed_torque"), callers[-1]))
+        callers.append(ServiceClient("asker"))
+        stands.append(ControllerProbe(start_server(told, executable="computed_torque"), callers[-1]))
         return stands[-1]
 
     yield start
@@ -71,7 +71,7 @@ def control(start_server):
 
 
 def state(stand):
-    return stand.caller.call(GetState, f"{stand.target}/get_state", GetState.Request()).current_state.id
+    return stand.client.call(GetState, f"{stand.target}/get_state", GetState.Request()).current_state.id
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def state(stand):
 )
 def test_no_torque_is_sent_before_a_parameter_says_so(text, said, remedy, sent, control):
     stand = control(text, **(PAYLOAD if text is BARE else {}))
-    stand.wait_until(lambda: stand.says(said), "the refusal on /diagnostics")
+    stand.wait_until(lambda: stand.has_diagnostic(said), "the refusal on /diagnostics")
     assert state(stand) == State.PRIMARY_STATE_UNCONFIGURED
     assert not stand.change_state(Transition.TRANSITION_CONFIGURE)
     stand.stream(0.2, q=POSE)
@@ -94,6 +94,6 @@ def test_no_torque_is_sent_before_a_parameter_says_so(text, said, remedy, sent, 
     stand.stream_until(lambda: np.abs(stand.commands[-1][1]).max() >= sent if stand.commands else False, "efforts")
     if text is BARE:
         doubt = f"gravity_compensation; robot 'panda': {SAID}"
-        stand.stream_until(lambda: stand.says(doubt), "the doubt on /diagnostics")
+        stand.stream_until(lambda: stand.has_diagnostic(doubt), "the doubt on /diagnostics")
         refused = stand.set_parameters(allow_massless=False)
         assert not refused.successful and SAID in refused.reason

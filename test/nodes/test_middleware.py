@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 import rclpy
-from nodes.stand import Stand
+from nodes.controller_probe import ControllerProbe
 
 from robot_dynamics.nodes import middleware
 from robot_dynamics.nodes.middleware import PROFILES, shared_memory, without_shared_memory
-from robot_dynamics.nodes.running import running_node, stop
+from robot_dynamics.nodes.processes import running_node, terminate_process
 
 NAMES = (*middleware.PROFILE_VARIABLES, middleware.TRANSPORTS, middleware.RANGE, middleware.ONLY_HERE, middleware.PEERS)
 WARNING = "the middleware uses shared memory (/dev/shm/fast"
@@ -35,17 +35,17 @@ HERE, ALONE = ({"ROS_AUTOMATIC_DISCOVERY_RANGE": name} for name in ("LOCALHOST",
 
 
 @contextmanager
-def streaming(caller, namespace, log, environment):
+def streaming(client, namespace, log, environment):
     """A computed_torque; unless it is alone, its efforts reach this process, and the states of this process it."""
     variables = {**dict.fromkeys(NAMES, ""), **environment}
     told = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
     with log.open("w") as file, running_node("computed_torque", told, namespace, variables, file) as process:
-        stand = Stand(f"{namespace}/computed_torque", caller)
+        stand = ControllerProbe(f"{namespace}/computed_torque", client)
         try:
             if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
                 stand.wait_until(lambda: "controls panda_joint1" in log.read_text(), "it is active")
             else:
-                stand.connect()
+                stand.stream_until_steady()
             yield process
         finally:
             stand.close()
@@ -62,9 +62,9 @@ def streaming(caller, namespace, log, environment):
     ],
     ids=lambda environment: ",".join(environment.values()),
 )
-def test_the_node_that_streams_uses_no_shared_memory(environment, ros, caller, tmp_path):
+def test_the_node_that_streams_uses_no_shared_memory(environment, ros, client, tmp_path):
     assert shared_memory(), "this process does, else it is no peer that does"
-    with streaming(caller, "/udp", tmp_path / "log", environment) as process:
+    with streaming(client, "/udp", tmp_path / "log", environment) as process:
         assert segments(process) == []
     assert WARNING not in (tmp_path / "log").read_text()
 
@@ -79,14 +79,14 @@ def test_the_node_that_streams_uses_no_shared_memory(environment, ros, caller, t
     ],
     ids=lambda value: ",".join(value.values()) if isinstance(value, dict) else str(value),
 )
-def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, shared, ros, caller, tmp_path):
+def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, shared, ros, client, tmp_path):
     profile = tmp_path / "profile.xml"
     profile.write_text(
         '<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="mine" is_default_profile="true">'
         "<rtps><participantID>77</participantID></rtps></participant></profiles></dds>"
     )
     environment = {name: value.replace(profile.name, str(profile)) for name, value in environment.items()}
-    with streaming(caller, "/chosen", tmp_path / "log", environment) as process:
+    with streaming(client, "/chosen", tmp_path / "log", environment) as process:
         assert bool(segments(process)) == shared
         port = 7410 + 250 * int(os.environ["ROS_DOMAIN_ID"]) + 2 * 77  # that of participant 77, as the profile says
         ports = {int(line.split()[1].split(":")[1], 16) for line in Path("/proc/net/udp").read_text().splitlines()[1:]}
@@ -94,20 +94,20 @@ def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, sha
     assert (WARNING in (tmp_path / "log").read_text()) == shared
 
 
-def test_the_installed_executable_uses_no_shared_memory(ros, caller, tmp_path):
+def test_the_installed_executable_uses_no_shared_memory(ros, client, tmp_path):
     executable = shutil.which("computed_torque", path=str(Path(sys.executable).parent))
     if executable is None:
         pytest.skip("there is no executable computed_torque beside that of Python")
     environment = {**os.environ, **dict.fromkeys(NAMES, ""), **HERE}
     command = [executable, "--ros-args", "-p", "robot_file:=panda", "-p", "state_timeout:=1.0", "-r", "__ns:=/script"]
     process = subprocess.Popen(command, env=environment, cwd=tmp_path)
-    stand = Stand("/script/computed_torque", caller)
+    stand = ControllerProbe("/script/computed_torque", client)
     try:
-        stand.connect()
+        stand.stream_until_steady()
         assert segments(process) == []
     finally:
         stand.close()
-        stop(process)
+        terminate_process(process)
 
 
 def set_here(monkeypatch, **environment):

@@ -11,11 +11,11 @@ from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Base, load_robot
-from robot_dynamics.nodes.simulator_outputs import joint_states
+from robot_dynamics.nodes.mobile_base_simulator.outputs import joint_state_message
 from robot_dynamics.simulation import Simulation
 
-from .questions import point
-from .simulated import Simulated, seconds
+from .service_requests import point
+from .simulator_probe import SimulatorProbe, seconds
 
 EFFORTS = np.array([5.0, -3.0, 2.0, 0.3, -0.2, 0.01])
 TWIST = [0.1, -0.2, 0.05, 0.02, 0.1, -0.05]
@@ -23,10 +23,10 @@ QUIET = {"start_paused": True, "command_timeout": 5.0}
 
 
 @pytest.fixture
-def start(start_server, caller):
+def start(start_server, client):
     def started(**parameters):
         name = start_server(parameters, executable="mobile_base_simulator")
-        return Simulated(name, caller, stamped=parameters.get("stamped_cmd_vel", False))
+        return SimulatorProbe(name, client, stamped=parameters.get("stamped_cmd_vel", False))
 
     return started
 
@@ -50,9 +50,9 @@ def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
     q = [{"arm_elbow_joint": 1.2, "arm_shoulder_lift_joint": -1.0}.get(name, 0.0) for name in library.joint_names]
     library.start(q, base=Base(twist=TWIST))
     for _ in range(10):  # a reader may hear nothing of a writer that has already found it
-        node.command(EFFORTS)
-        node.caller.spin(0.1)
-    last = node.steps(10)
+        node.send_efforts(EFFORTS)
+        node.client.spin(0.1)
+    last = node.make_steps(10)
     state = library.advance(10, efforts=EFFORTS)
     assert list(last.name) == list(library.joint_names)
     np.testing.assert_array_equal(last.position, state.positions)
@@ -69,23 +69,23 @@ def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
     a = node.accelerations[-1].accel.linear
     np.testing.assert_allclose([a.x, a.y, a.z], library.accelerations(efforts=EFFORTS)[0][:3], rtol=1e-12)
 
-    assert node.ask("reset").success
+    assert node.call_trigger("reset").success
     node.wait_until(lambda: node.joint_states[-1].position.tolist() == q, "the state as it began")
     stamp = seconds(node.joint_states[-1].header.stamp)
     assert stamp == pytest.approx(0.010, abs=1e-9)  # the clock goes on
-    node.command(EFFORTS)
-    node.caller.spin(0.3)
-    again = node.steps(10)
+    node.send_efforts(EFFORTS)
+    node.client.spin(0.3)
+    again = node.make_steps(10)
     np.testing.assert_array_equal(again.position, state.positions)
     np.testing.assert_array_equal(again.velocity, state.velocities)
 
     # a wrench on a link too, and efforts by name
     node.publish("external_wrench", wrench_on("arm_tool0", [3, 2, 1, 0.3, 0.2, 0.1]))
     node.publish("effort", JointState(name=["arm_elbow_joint"], effort=[1.5]))
-    node.caller.spin(0.3)
+    node.client.spin(0.3)
     efforts = EFFORTS.copy()
     efforts[library.joint_names.index("arm_elbow_joint")] = 1.5
-    last = node.steps(5)
+    last = node.make_steps(5)
     state = library.advance(5, efforts=efforts, external_wrenches={"arm_tool0": [3, 2, 1, 0.3, 0.2, 0.1]})
     np.testing.assert_allclose(last.velocity, state.velocities, rtol=1e-13)
 
@@ -102,19 +102,19 @@ def test_bad_messages_are_refused_and_said_and_commands_that_stop_are_zero(start
         (f"{node.name.rpartition('/')[0]}/cmd_vel", Twist(), "this one is fixed"),
     ):
         node.publish(topic, message)
-        node.wait_until(lambda reason=reason: node.says(reason), reason)
-    node.command([1.0, 2.0])
-    node.wait_until(lambda: node.says("commands has 2 values: 6 are needed"), "a refusal")
+        node.wait_until(lambda reason=reason: node.has_diagnostic(reason), reason)
+    node.send_efforts([1.0, 2.0])
+    node.wait_until(lambda: node.has_diagnostic("commands has 2 values: 6 are needed"), "a refusal")
     assert all(np.all(np.array(state.effort) == 0) for state in node.joint_states)
     for _ in range(30):
-        node.command([0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
-        node.caller.spin(0.02)
+        node.send_efforts([0.0, 0.0, 0.0, 0.0, 0.5, 0.0])
+        node.client.spin(0.02)
     assert node.joint_states[-1].effort[4] == 0.5
     pushed = seconds(node.joint_states[-1].header.stamp)
     node.wait_until(lambda: node.joint_states[-1].effort[4] == 0, "efforts of zero")
     stopped = next(s for s in node.joint_states if seconds(s.header.stamp) > pushed and s.effort[4] == 0)
     assert seconds(stopped.header.stamp) - pushed < 0.2
-    node.wait_until(lambda: node.says("commands stopped"), "diagnostics")
+    node.wait_until(lambda: node.has_diagnostic("commands stopped"), "diagnostics")
 
 
 def test_wheels_are_driven_by_cmd_vel_and_stop_when_it_does(start):
@@ -157,7 +157,7 @@ def test_joints_that_are_told_move_the_base_by_reaction(start):
         )
 
     state = library.advance(1000, motion=motion)  # which is held against conservation of momentum elsewhere
-    node.caller.spin(0.1)
+    node.client.spin(0.1)
     p = node.odom[-1].pose.pose.position
     assert np.linalg.norm(state.pose[:3, 3]) > 1e-4
     np.testing.assert_allclose([p.x, p.y, p.z], state.pose[:3, 3], atol=1e-9)
@@ -168,15 +168,15 @@ def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
     node.wait_until(lambda: len(node.clock) > 5, "a clock")
 
     def rate():
-        node.caller.spin(0.2)
-        begun, state = node.caller.node.get_clock().now().nanoseconds, node.clock[-1]
-        node.caller.spin(1.0)
+        node.client.spin(0.2)
+        begun, state = node.client.node.get_clock().now().nanoseconds, node.clock[-1]
+        node.client.spin(1.0)
         return (seconds(node.clock[-1].clock) - seconds(state.clock)) / (
-            (node.caller.node.get_clock().now().nanoseconds - begun) * 1e-9
+            (node.client.node.get_clock().now().nanoseconds - begun) * 1e-9
         )
 
     assert rate() == pytest.approx(0.1, rel=0.3)
-    assert node.caller.set_parameters(node.name, {"real_time_factor": 0.02}).successful
+    assert node.client.set_parameters(node.name, {"real_time_factor": 0.02}).successful
     assert rate() == pytest.approx(0.02, rel=0.3)
     for values, reason in (
         ({"step": -1.0}, "more than 0"),
@@ -190,27 +190,29 @@ def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
         ({"seed": -1}, "from 0 on"),
         ({"moved_by": "magic"}, "efforts or reference"),
     ):
-        refused = node.caller.set_parameters(node.name, values)
+        refused = node.client.set_parameters(node.name, values)
         assert not refused.successful and reason in refused.reason, refused
-    assert node.pause(True).success
-    node.caller.spin(0.2)
+    assert node.set_paused(True).success
+    node.client.spin(0.2)
     stood = node.clock[-1]
-    node.caller.spin(0.2)
+    node.client.spin(0.2)
     assert seconds(node.clock[-1].clock) == seconds(stood.clock) and node.clock[-1] is not stood  # told again
-    assert not node.pause(False).message.startswith("paused")
+    assert not node.set_paused(False).message.startswith("paused")
 
 
 def test_each_step_waits_for_efforts_where_it_is_told_to(start):
     node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
     node.wait_until(lambda: len(node.joint_states) > 5, "the same state again and again")
     assert {seconds(state.header.stamp) for state in node.joint_states} == {0.0}
-    node.wait_until(lambda: node.says(f"until the first efforts come on {node.name}/commands"), "what it waits for")
+    node.wait_until(
+        lambda: node.has_diagnostic(f"until the first efforts come on {node.name}/commands"), "what it waits for"
+    )
     library = Simulation(load_robot("ur5e"))
     for k in range(1, 11):
-        node.command(EFFORTS * k)
+        node.send_efforts(EFFORTS * k)
         node.wait_until(lambda k=k: seconds(node.joint_states[-1].header.stamp) > (k - 0.5) * 1e-3, f"step {k}")
         state = library.advance(1, efforts=EFFORTS * k)
-    node.caller.spin(0.2)
+    node.client.spin(0.2)
     assert seconds(node.joint_states[-1].header.stamp) == pytest.approx(0.010)
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
 
@@ -233,16 +235,16 @@ def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an
         node.wait_until(there, f"step {step}")
 
     def commanded():
-        node.command(EFFORTS)
+        node.send_efforts(EFFORTS)
         return steps() > 0
 
     node.wait_until(commanded, "steps")
-    node.caller.spin(0.2)
+    node.client.spin(0.2)
     first = steps()
     answered_until(first + 1, EFFORTS)
     for _ in range(5):  # late answers to the state before
         answer(first, 9 * EFFORTS)
-    node.caller.spin(0.3)
+    node.client.spin(0.3)
     assert steps() == first + 1
     answered_until(first + 2, 2 * EFFORTS)
     for scale in [1] * (first + 1) + [2]:
@@ -257,21 +259,21 @@ def test_parameters_that_change_leave_the_robot_where_it_is(start):
     node = start(robot_file="panda", command_timeout=60.0, **told)
 
     def pushed():
-        node.command([1.0] + [0.0] * 6)
+        node.send_efforts([1.0] + [0.0] * 6)
         return node.joint_states and node.joint_states[-1].velocity[0] > 0.1
 
     node.wait_until(pushed, "a motion")
     for values in ({"payload.link": "panda_link8", "payload.mass": 1.0}, {"step": 0.002}, {"seed": 3}):
         before = node.joint_states[-1]
-        assert node.caller.set_parameters(node.name, values).successful
+        assert node.client.set_parameters(node.name, values).successful
         node.wait_until(lambda before=before: seconds(node.joint_states[-1].header.stamp)
                         > seconds(before.header.stamp) + 0.1, "that time goes on")  # fmt: skip
         after = node.joint_states[node.joint_states.index(before) :]
         jumps = np.abs(np.diff([state.position for state in after], axis=0)).max()
         assert jumps < 0.02 and after[-1].velocity[0] > 0.1 and np.any(after[-1].effort), (values, jumps)
-    assert node.caller.set_parameters(node.name, {"initial.positions": [*posture[:6], 0.7]}).successful
+    assert node.client.set_parameters(node.name, {"initial.positions": [*posture[:6], 0.7]}).successful
     node.wait_until(lambda: abs(node.joint_states[-1].position[6] - 0.7) < 1e-3, "where it begins now")
-    refused = node.caller.set_parameters(node.name, {"initial.positions": [0.1]})
+    refused = node.client.set_parameters(node.name, {"initial.positions": [0.1]})
     assert not refused.successful
 
 
@@ -285,7 +287,7 @@ def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
         return node.odom and abs(node.odom[-1].twist.twist.linear.y - 0.3) < 1e-3
 
     node.wait_until(driven, "the twist that was commanded")
-    now = node.caller.node.get_clock().now().nanoseconds * 1e-9
+    now = node.client.node.get_clock().now().nanoseconds * 1e-9
     assert abs(seconds(node.joint_states[-1].header.stamp) - now) < 5
     assert not node.clock
 
@@ -293,7 +295,7 @@ def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
 def test_noise_is_that_of_its_seed():
     simulation, stamp = Simulation(load_robot("ur5e")), Time()
     heard = [
-        joint_states(simulation, EFFORTS, (1e-3, 2e-3, np.random.default_rng(seed)), stamp).position
+        joint_state_message(simulation, EFFORTS, (1e-3, 2e-3, np.random.default_rng(seed)), stamp).position
         for seed in (7, 7, 8)
     ]
     assert heard[0] == heard[1] != heard[2] and 1e-5 < np.std(heard[0]) < 5e-3
@@ -302,8 +304,8 @@ def test_noise_is_that_of_its_seed():
 def test_what_diverges_stops_is_said_and_begins_anew(start):
     node = start(robot_file="ur5e", step=0.01, **{"initial.joints": ["elbow_joint"], "initial.velocities": [4000.0]},
                  **{"initial.positions": [0.1]})  # fmt: skip
-    node.wait_until(lambda: node.says("step is too long"), "what is wrong")
-    assert node.caller.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
+    node.wait_until(lambda: node.has_diagnostic("step is too long"), "what is wrong")
+    assert node.client.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
     heard = len(node.joint_states)
     node.wait_until(lambda: len(node.joint_states) > heard + 10, "states again")
 
@@ -331,7 +333,7 @@ def test_a_parallelogram_stays_one_through_its_flat_positions(start, tmp_path):
     path.write_text(PARALLELOGRAM)
     node = start(robot_file=str(path), **QUIET, **{"initial.joints": ["crank"], "initial.velocities": [6.0]})
     for _ in range(6):  # 1.2 s: from 1 rad to more than 8, through π and 2π
-        last = node.steps(200)
+        last = node.make_steps(200)
         crank, coupler, rocker, pin = last.position
         np.testing.assert_allclose([crank + coupler, rocker - crank, pin - crank], 0, atol=1e-7)
         np.testing.assert_allclose(last.velocity, [6.0, -6.0, 6.0, 6.0], rtol=1e-7)

@@ -4,11 +4,11 @@ import time
 
 import pytest
 import yaml
-from nodes.questions import call, inverse, still_serves
+from nodes.service_requests import assert_still_serves, call_service, inverse
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.processes import running_node
 
 # the lists of each node that may be empty
 LISTS = {
@@ -43,11 +43,11 @@ class Log:
             time.sleep(0.05)
 
 
-def dumped(caller, node):
+def dumped(client, node):
     """The text of a parameter file as `ros2 param dump` writes it."""
-    names = caller.call(ListParameters, f"{node}/list_parameters", ListParameters.Request()).result.names
+    names = client.call(ListParameters, f"{node}/list_parameters", ListParameters.Request()).result.names
     request = GetParameters.Request(names=sorted(names))
-    values = caller.call(GetParameters, f"{node}/get_parameters", request).values
+    values = client.call(GetParameters, f"{node}/get_parameters", request).values
     tree = {}
     for name, value in zip(request.names, values, strict=True):
         *folders, leaf = name.split(".")
@@ -59,10 +59,10 @@ def dumped(caller, node):
     return yaml.dump({node: {"ros__parameters": tree}}, default_flow_style=False)
 
 
-def set_value(caller, node, name, value):
+def set_value(client, node, name, value):
     """What the node says to a ParameterValue: (successful, reason)."""
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
-    (result,) = caller.call(SetParameters, f"{node}/set_parameters", request).results
+    (result,) = client.call(SetParameters, f"{node}/set_parameters", request).results
     return result.successful, result.reason
 
 
@@ -71,21 +71,21 @@ EMPTY = ParameterValue(type=ParameterType.PARAMETER_BOOL_ARRAY)
 
 
 @pytest.mark.parametrize("executable", LISTS)
-def test_empty_lists_in_a_file_and_in_a_dump_are_empty_lists(executable, caller, tmp_path):
+def test_empty_lists_in_a_file_and_in_a_dump_are_empty_lists(executable, client, tmp_path):
     namespace, ready = f"/empty_{executable}", READY.get(executable, "serving Robot('panda'")
     node = f"{namespace}/{executable}"
     log = Log(tmp_path)
     told = {"robot_file": "panda", **{name: [] for name in LISTS[executable]}}
     with running_node(executable, told, namespace, log=log.file) as process:
         log.wait_for(ready, process)
-        started = dumped(caller, node)
+        started = dumped(client, node)
         if executable == "replay_check":  # its topics are fixed when it begins
             assert "topics: []" in started
         else:
             for name in LISTS[executable] if executable != "computed_torque" else ("gravity", "effort_limits"):
                 if (executable, name) != ("computed_torque", "gravity"):  # fixed while efforts are sent
-                    assert set_value(caller, node, name, EMPTY) == (True, ""), name
-        again = dumped(caller, node)
+                    assert set_value(client, node, name, EMPTY) == (True, ""), name
+        again = dumped(client, node)
     assert "refused" not in log.text() and "rror" not in log.text() and "null" not in started + again, log.text()
     (section,) = yaml.safe_load(again).values()
     assert section["ros__parameters"]["gravity"] == []
@@ -96,25 +96,25 @@ def test_empty_lists_in_a_file_and_in_a_dump_are_empty_lists(executable, caller,
     assert "refused" not in second.text() and "rror" not in second.text(), second.text()
 
 
-def test_a_server_with_an_empty_list_as_gravity_has_that_of_the_earth(caller, start_server, library):
+def test_a_server_with_an_empty_list_as_gravity_has_that_of_the_earth(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda", "gravity": []})
-    still_serves(caller, server, library)
-    assert caller.set_parameters(server, {"gravity": [0.0, 0.0, 0.0]}).successful
-    weightless = call(caller, server, inverse()).trajectory.points[0].effort
-    assert set_value(caller, server, "gravity", EMPTY) == (True, "")
-    assert list(call(caller, server, inverse()).trajectory.points[0].effort) != list(weightless)
-    still_serves(caller, server, library)
+    assert_still_serves(client, server, panda_dynamics)
+    assert client.set_parameters(server, {"gravity": [0.0, 0.0, 0.0]}).successful
+    weightless = call_service(client, server, inverse()).trajectory.points[0].effort
+    assert set_value(client, server, "gravity", EMPTY) == (True, "")
+    assert list(call_service(client, server, inverse()).trajectory.points[0].effort) != list(weightless)
+    assert_still_serves(client, server, panda_dynamics)
 
 
-def test_no_parameter_can_be_removed_and_lists_are_shown_as_lists(caller, start_server, library):
+def test_no_parameter_can_be_removed_and_lists_are_shown_as_lists(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     for name in ("gravity", "payload.mass", "robot_file", "strict", "payload.inertia"):
-        successful, reason = set_value(caller, server, name, ParameterValue())
+        successful, reason = set_value(client, server, name, ParameterValue())
         assert not successful and reason == f"parameter {name} is read by this node and cannot be removed"
     for value in (EMPTY, ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=[1.0])):
-        successful, reason = set_value(caller, server, "payload.inertia", value)
+        successful, reason = set_value(client, server, "payload.inertia", value)
         assert not successful and f"payload.inertia is {'[1.0]' if value is not EMPTY else '[]'}: 6 numbers" in reason
-    still_serves(caller, server, library)
+    assert_still_serves(client, server, panda_dynamics)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from geometry_msgs.msg import Twist
-from nodes.stand import Stand
+from nodes.controller_probe import ControllerProbe
 from peers.recorded import loaded_panda, messages, panda_motion, write_bag
 from rosidl_parser.definition import AbstractSequence, NamespacedType
 from sensor_msgs.msg import JointState
@@ -22,14 +22,14 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.commands import excite
-from robot_dynamics.nodes import simulator_parameters
-from robot_dynamics.nodes.control_parameters import PARAMETERS as OF_CONTROL
-from robot_dynamics.nodes.replay_check import PARAMETERS as OF_REPLAY
+from robot_dynamics.cli import excite
+from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS as CONTROL_PARAMETERS
+from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
+from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.replay_check.node import PARAMETERS as REPLAY_PARAMETERS
 from robot_dynamics.nodes.robot_source import PARAMETERS
-from robot_dynamics.nodes.running import Caller, running_node
 
-from .simulated import Simulated, seconds
+from .simulator_probe import SimulatorProbe, seconds
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
@@ -75,8 +75,8 @@ def started_as(command):
 
 
 @pytest.fixture(scope="module")
-def caller(ros):
-    made = Caller("reader")
+def client(ros):
+    made = ServiceClient("reader")
     yield made
     made.close()
 
@@ -87,7 +87,7 @@ def test_both_ways_to_start_a_server_are_the_same():
     assert without_ros[1:] == with_ros[4:]
 
 
-def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(caller):
+def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(client):
     servers = [started_as(command) for command in words("ros2 run") if command[3] == "dynamics_server"]
     asked = [command for command in words("ros2 service call") if "dynamics_server/" in command[3]]
     assert len(servers) == 4 and len(asked) == 7
@@ -97,7 +97,7 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
             for _, _, _, service, kind, question in [a for a in asked if a[3].startswith(name + "/")]:
                 package, _, kind = kind.split("/")
                 service_type = getattr(importlib.import_module(f"{package}.srv"), kind)
-                response = caller.call(service_type, service, fill(service_type.Request(), yaml.safe_load(question)))
+                response = client.call(service_type, service, fill(service_type.Request(), yaml.safe_load(question)))
                 assert response.success, response.message
                 if kind == "InverseDynamics":
                     assert np.isfinite(response.trajectory.points[0].effort).all()
@@ -109,7 +109,7 @@ def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(calle
                 python = subprocess.run(command, capture_output=True, text=True, timeout=180)
                 assert python.stdout.startswith("True  [") and "successful=True" in python.stdout, python
             for _, _, _, node, parameter, text in words(f"ros2 param set {name}"):
-                result = caller.set_parameters(node, {parameter: yaml.safe_load(text)})
+                result = client.set_parameters(node, {parameter: yaml.safe_load(text)})
                 assert result.successful, result.reason
 
 
@@ -196,7 +196,7 @@ def test_table_of_parameters_is_that_of_the_node():
         assert (yaml.safe_load(told.strip(" `")) if told else "") == default, name
 
 
-def test_torques_stream_as_the_readme_says(caller):
+def test_torques_stream_as_the_readme_says(client):
     command = words(".venv/bin/computed_torque")[0]
     assert "robot:=panda" in words("ros2 launch robot_dynamics computed_torque.launch.py")[0]
     parameters, _ = started_as(command)
@@ -205,14 +205,14 @@ def test_torques_stream_as_the_readme_says(caller):
     published = words("ros2 topic pub --once /computed_torque/reference")[0]
     assert published[5] == "trajectory_msgs/msg/JointTrajectory"
     with running_node("computed_torque", {**parameters, "state_timeout": 0.5, "deadline": 1.0}, "/readme"):
-        stand = Stand("/readme/computed_torque", caller)
+        stand = ControllerProbe("/readme/computed_torque", client)
         try:
-            stand.connect()
+            stand.stream_until_steady()
             stand.reference.publish(fill(JointTrajectory(), yaml.safe_load(published[6])))
             stand.stream_until(lambda: any(message == "computed_torque" for _, message, _ in stand.diagnostics), "it")
             ((*_, parameter, value),) = words("ros2 param set /computed_torque")
             assert stand.set_parameters(**{parameter: value}).successful
-            stand.stream_until(lambda: stand.says(value), value)
+            stand.stream_until(lambda: stand.has_diagnostic(value), value)
         finally:
             stand.close()
 
@@ -220,9 +220,9 @@ def test_torques_stream_as_the_readme_says(caller):
 def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
     table = README.split("| of computed_torque |")[1].split("\n\n")[0]
     rows = dict(re.findall(r"^\| `([a-z_]+)` \| (.*?)\|", table, re.MULTILINE))
-    assert list(rows) == list(OF_CONTROL)
+    assert list(rows) == list(CONTROL_PARAMETERS)
     for name, told in rows.items():
-        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == OF_CONTROL[name][0], name
+        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name][0], name
 
 
 def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
@@ -247,14 +247,14 @@ def test_excite_takes_as_long_in_the_readme_as_in_its_help():
     assert taken == [["some seconds"], ["some seconds"]]
 
 
-def test_simulators_of_the_readme_run_and_take_its_messages(caller):
+def test_simulators_of_the_readme_run_and_take_its_messages(client):
     started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" not in command[-1]]
     said = [command[5:] for command in words("ros2 topic pub --rate") if "/mobile_base_simulator/" in command[5]]
     assert len(started) == 3 and len(said) == 2
     for command in started[:2]:
         parameters, namespace = started_as(command)
         with running_node("mobile_base_simulator", parameters, namespace):
-            node = Simulated(f"{namespace.rstrip('/')}/mobile_base_simulator", caller)
+            node = SimulatorProbe(f"{namespace.rstrip('/')}/mobile_base_simulator", client)
             node.wait_until(lambda node=node: node.joint_states, "joint_states")
             if namespace == "/space":
                 node.wait_until(lambda node=node: node.odom, "odom")
@@ -271,7 +271,7 @@ def test_simulators_of_the_readme_run_and_take_its_messages(caller):
 
             if namespace == "/":
                 node.wait_until(efforts_act, "efforts that act")
-                assert not node.says("refused:")
+                assert not node.has_diagnostic("refused:")
 
 
 def test_commands_of_the_readme_are_published_faster_than_they_time_out():
@@ -288,12 +288,12 @@ def test_commands_of_the_readme_are_published_faster_than_they_time_out():
         assert first == "--rate" and float(others[0]) > 2 / timeout, (first, others)
 
 
-def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(caller):
+def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(client):
     (command,) = [command for command in words(".venv/bin/mobile_base_simulator") if "--params-file" in command]
     (driven,) = [command for command in words("ros2 topic pub") if "/cmd_vel" in command]
     message = fill(Twist(), yaml.safe_load(driven[-1]))
     with running_node("mobile_base_simulator", started_as(command)[0]):
-        node = Simulated("/mobile_base_simulator", caller)
+        node = SimulatorProbe("/mobile_base_simulator", client)
 
         def there():
             node.publish("/cmd_vel", message)
@@ -310,7 +310,7 @@ def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(caller):
         assert told[wheel] == pytest.approx((message.linear.x + side * 0.08 * message.angular.z) / 0.033, rel=1e-3)
 
 
-def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(caller):
+def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(client):
     (simulator,) = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" in command[-1]]
     controller = words(".venv/bin/computed_torque")[-1]
     posture = yaml.safe_load(words("ros2 topic pub --once /computed_torque/reference")[0][6])
@@ -324,7 +324,7 @@ def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_postu
             deque(maxlen=1),
             dict(zip(posture["joint_names"], posture["points"][0]["positions"], strict=True)),
         )
-        node = caller.node
+        node = client.node
         heard = node.create_subscription(JointState, "/both/joint_states", lambda state: states.append(state), 10)
         reference = node.create_publisher(JointTrajectory, "/both/computed_torque/reference", 10)
 
@@ -332,7 +332,7 @@ def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_postu
             deadline = time.monotonic() + patience
             while not condition():
                 assert time.monotonic() < deadline, states
-                caller.spin(0.1)
+                client.spin(0.1)
 
         within(60, lambda: reference.get_subscription_count() and states and any(states[0].effort))
         reference.publish(fill(JointTrajectory(), posture))
@@ -362,13 +362,13 @@ def test_table_of_the_simulators_parameters_is_that_of_the_node():
         assert description == simulator_parameters.PARAMETERS[name][1], name
 
 
-def test_replay_check_of_the_readme_reports(caller):
+def test_replay_check_of_the_readme_reports(client):
     (started,) = words(".venv/bin/replay_check")
     asked = [command for command in words("ros2 service call") if command[3].startswith("/replay_check/")]
     with running_node("replay_check", *started_as(started)):
         for _, _, _, service, kind in asked:
             assert kind == "std_srvs/srv/Trigger"
-            response = caller.call(Trigger, service, Trigger.Request())
+            response = client.call(Trigger, service, Trigger.Request())
             assert not response.success and "nothing was compared yet" in response.message
     assert len(asked) == 1
 
@@ -376,9 +376,9 @@ def test_replay_check_of_the_readme_reports(caller):
 def test_table_of_parameters_of_replay_check_is_that_of_the_node():
     table = README.split("| of replay_check |")[1].split("\n\n")[0]
     rows = re.findall(r"^\| ([a-z_]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
-    assert [name for name, _, _ in rows] == list(OF_REPLAY)
+    assert [name for name, _, _ in rows] == list(REPLAY_PARAMETERS)
     for name, default, description in rows:
-        assert ((yaml.safe_load(default.strip("`")) if default else ""), description) == OF_REPLAY[name], name
+        assert ((yaml.safe_load(default.strip("`")) if default else ""), description) == REPLAY_PARAMETERS[name], name
 
 
 def test_messages_in_the_table_of_failures_are_said_by_the_code():

@@ -14,11 +14,11 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.model.placement import as_rotation
+from robot_dynamics.model.placement import to_scipy_rotation
+from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_pose, write_twist
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
-from robot_dynamics.nodes.messages import nanoseconds, write_pose, write_twist
 
-from .stand import DEEP, to_time
+from .controller_probe import DEEP, to_time
 
 RATE, TOGETHER = 200.0, 4
 MOTION = panda_motion(duration=8.0, rate=RATE)
@@ -28,10 +28,10 @@ NOISE = 0.05
 class Watch:
     """Tells the node of joint states, and keeps what it says."""
 
-    def __init__(self, name, caller, topics=("joint_states", "wrist_states")):
-        self.name, self.caller, self.predicted, self.residuals = name, caller, [], []
+    def __init__(self, name, client, topics=("joint_states", "wrist_states")):
+        self.name, self.client, self.predicted, self.residuals = name, client, [], []
         self.whole, self.joints = [], {}  # (level, message, values), last of each joint
-        node, namespace = caller.node, name.rpartition("/")[0]
+        node, namespace = client.node, name.rpartition("/")[0]
         self.outs = [node.create_publisher(JointState, f"{namespace}/{topic}", DEEP)
                      for topic in topics]  # fmt: skip
         self._held = [
@@ -59,7 +59,7 @@ class Watch:
         deadline = time.monotonic() + patience
         while not condition():
             assert time.monotonic() < deadline, f"not within {patience} s: {what}; {self.whole[-1:]}, {self.joints}"
-            self.caller.spin(0.02)
+            self.client.spin(0.02)
 
     def tell(self, messages):
         """Publish (publisher, message) pairs, a few in the time between two samples."""
@@ -68,26 +68,26 @@ class Watch:
             self.outs[out].publish(message)
             if number % TOGETHER == 0:
                 due = max(due + 1 / RATE, time.monotonic() - 0.05)
-                self.caller.spin(max(0.0, due - time.monotonic()))
+                self.client.spin(max(0.0, due - time.monotonic()))
 
-    def ask(self, service):
-        return self.caller.call(Trigger, f"{self.name}/{service}", Trigger.Request())
+    def call_trigger(self, service):
+        return self.client.call(Trigger, f"{self.name}/{service}", Trigger.Request())
 
-    def says(self, text):
+    def has_diagnostic(self, text):
         return any(text in " ".join([message, *map(str, values.values())])
                    for _, message, values in [*self.whole[-1:], *self.joints.values()])  # fmt: skip
 
 
 @pytest.fixture(scope="module")
-def watch(start_module_server, caller):
+def watch(start_module_server, client):
     parameters = {"robot_file": "panda", "topics": ["joint_states", "wrist_states"]}
-    return Watch(start_module_server(parameters, executable="replay_check"), caller)
+    return Watch(start_module_server(parameters, executable="replay_check"), client)
 
 
 @pytest.fixture
 def fresh(watch):
-    assert watch.ask("reset").success
-    watch.caller.spin(0.3)  # what was sent before it is no concern of the next test
+    assert watch.call_trigger("reset").success
+    watch.client.spin(0.3)  # what was sent before it is no concern of the next test
     for kept in (watch.predicted, watch.residuals, watch.whole, watch.joints):
         kept.clear()
     return watch
@@ -121,12 +121,14 @@ def test_a_robot_that_is_its_model_passes_with_efforts_of_pinocchio(fresh):
     fresh.wait_until(lambda: fresh.predicted and fresh.joints, "efforts and verdicts")
     # the last sample that is told is a period of the cut-off, 8 Hz, before the end
     last = BEGINNING + round((MOTION.times[-1] - 0.13) * 1e9)
-    fresh.wait_until(lambda: nanoseconds(fresh.residuals[-1].header.stamp) > last, "the rest, when nothing more comes")
+    fresh.wait_until(
+        lambda: to_nanoseconds(fresh.residuals[-1].header.stamp) > last, "the rest, when nothing more comes"
+    )
     fresh.wait_until(lambda: {each[0] for each in fresh.joints.values()} == {STALE}, "that data are stale")
     assert set(fresh.joints) == set(JOINTS) and "where 0.48" in fresh.joints["panda_joint7"][1]
-    numbers = np.round((np.array([nanoseconds(m.header.stamp) for m in fresh.predicted]) - BEGINNING) * 1e-9 * RATE)
+    numbers = np.round((np.array([to_nanoseconds(m.header.stamp) for m in fresh.predicted]) - BEGINNING) * 1e-9 * RATE)
     assert len(numbers) > 0.9 * len(MOTION.times) and list(fresh.predicted[0].name) == list(JOINTS)
-    stamps = np.array([nanoseconds(message.header.stamp) for message in fresh.predicted])
+    stamps = np.array([to_nanoseconds(message.header.stamp) for message in fresh.predicted])
     assert np.abs(stamps - BEGINNING - numbers * 1e9 / RATE).max() < 1000  # [ns]
     expected = MOTION.efforts[numbers.astype(int)]
     found = np.array([message.effort for message in fresh.predicted])
@@ -136,7 +138,7 @@ def test_a_robot_that_is_its_model_passes_with_efforts_of_pinocchio(fresh):
     residuals = np.array([message.effort for message in fresh.residuals])
     assert residuals.std(axis=0) == pytest.approx(np.full(7, NOISE * np.sqrt(8 / 100)), rel=0.4)
     assert any(level == OK for level, *_ in fresh.whole)
-    report = fresh.ask("report")
+    report = fresh.call_trigger("report")
     assert report.success and report.message.endswith("passed") and report.message.count("  passed") == 7
 
 
@@ -164,7 +166,7 @@ def test_a_fault_is_named_with_its_joint_and_time_within_seconds(fresh, fault):
     assert fresh.whole[-1][0] == ERROR and all(name in fresh.whole[-1][1] for name in wrong)
     for name in wrong:
         assert float(fresh.joints[name][2]["since [s]"]) == pytest.approx(BEGINNING / 1e9 + onset / RATE, abs=1.1)
-    report = fresh.ask("report")
+    report = fresh.call_trigger("report")
     assert not report.success and any(f"{name}: " in report.message for name in wrong)
     assert "FAILED" in report.message.splitlines()[-1]
 
@@ -190,17 +192,17 @@ def test_other_orders_and_topics_are_taken_and_what_is_wrong_is_said(fresh):
                 (0, JointState()),
             ]
     fresh.tell(messages)
-    fresh.wait_until(lambda: fresh.joints and fresh.says("left out"), "diagnostics")
+    fresh.wait_until(lambda: fresh.joints and fresh.has_diagnostic("left out"), "diagnostics")
     for text in ("panda_joint7: no effort was measured", "nan or infinite", "does not ask for: finger",
                  "named twice in one message", "values of another number than names"):  # fmt: skip
-        fresh.wait_until(lambda text=text: fresh.says(text), text)
+        fresh.wait_until(lambda text=text: fresh.has_diagnostic(text), text)
     assert fresh.whole[-1][0] == WARN
     residuals = np.array([message.effort for message in fresh.residuals])
     assert len(residuals) > 1000 and np.isfinite(residuals).all(axis=0).tolist() == [True] * 6 + [False]
     assert np.isnan(residuals[:, 6]).all()
-    report = fresh.ask("report")
+    report = fresh.call_trigger("report")
     assert not report.success and report.message.count("  passed") == 6 and "  FAILED" in report.message
-    fresh.wait_until(lambda: fresh.says("nobody tells of panda_joint1"), "that nothing comes any more")
+    fresh.wait_until(lambda: fresh.has_diagnostic("nobody tells of panda_joint1"), "that nothing comes any more")
 
 
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
@@ -210,15 +212,19 @@ def test_uneven_stamps_are_compared_to_the_end_and_what_is_too_short_is_counted(
     fresh.tell(state_messages(measured(motion), motion))
     # random steps leave pieces of a second or so between pauses of 5.5 steps, of which the filter leaves half
     last = BEGINNING + round((8.0 if kind == "random" else motion.times[-1] - 1.0) * 1e9)
-    fresh.wait_until(lambda: fresh.residuals and nanoseconds(fresh.residuals[-1].header.stamp) > last, "the last ones")
-    stamps = np.array([nanoseconds(message.header.stamp) for message in fresh.predicted])
+    fresh.wait_until(
+        lambda: fresh.residuals and to_nanoseconds(fresh.residuals[-1].header.stamp) > last, "the last ones"
+    )
+    stamps = np.array([to_nanoseconds(message.header.stamp) for message in fresh.predicted])
     assert (np.diff(stamps) > 0).all()
     if kind == "pieces":
-        fresh.wait_until(lambda: fresh.says("too short to be filtered"), "the note on short pieces")
+        fresh.wait_until(lambda: fresh.has_diagnostic("too short to be filtered"), "the note on short pieces")
     else:
-        fresh.wait_until(lambda: fresh.says("closer to the one before"), "the note on stamps that are too close")
-    assert not fresh.says("internal error") and "internal error" not in str(fresh.whole)
-    report = fresh.ask("report")
+        fresh.wait_until(
+            lambda: fresh.has_diagnostic("closer to the one before"), "the note on stamps that are too close"
+        )
+    assert not fresh.has_diagnostic("internal error") and "internal error" not in str(fresh.whole)
+    report = fresh.call_trigger("report")
     assert report.success and report.message.count("  passed") == 7
     residuals = np.array([message.effort for message in fresh.residuals])
     assert len(residuals) > 400 and np.sqrt((residuals**2).mean(axis=0)).max() < 0.1
@@ -232,36 +238,38 @@ def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(wat
         ({"cutoff": -1.0}, "0.1 or more"),
         ({"topics": ["others"]}, "read when the node begins"),
     ):
-        result = watch.caller.set_parameters(watch.name, values)
+        result = watch.client.set_parameters(watch.name, values)
         assert not result.successful and reason in result.reason
-    assert watch.caller.set_parameters(watch.name, {"base": "moving"}).successful
-    watch.wait_until(lambda: watch.whole[-1][0] == WARN and watch.says("the base for"), "that odom is missing")
-    report = watch.ask("report")
+    assert watch.client.set_parameters(watch.name, {"base": "moving"}).successful
+    watch.wait_until(
+        lambda: watch.whole[-1][0] == WARN and watch.has_diagnostic("the base for"), "that odom is missing"
+    )
+    report = watch.call_trigger("report")
     assert not report.success and "nothing was compared yet" in report.message
-    assert watch.caller.set_parameters(watch.name, {"base": ""}).successful
-    watch.wait_until(lambda: not watch.says("the base for"), "that it begins anew")
+    assert watch.client.set_parameters(watch.name, {"base": ""}).successful
+    watch.wait_until(lambda: not watch.has_diagnostic("the base for"), "that it begins anew")
 
 
-def test_an_arm_that_flies_is_checked_with_odom_and_a_payload_it_does_not_have_is_seen(start_module_server, caller):
+def test_an_arm_that_flies_is_checked_with_odom_and_a_payload_it_does_not_have_is_seen(start_module_server, client):
     parameters = {"robot_file": "free_flying_arm", "gravity": list(flights.GRAVITY), "topics": ["joint_states"]}
-    watch = Watch(start_module_server(parameters, executable="replay_check"), caller, topics=("joint_states",))
+    watch = Watch(start_module_server(parameters, executable="replay_check"), client, topics=("joint_states",))
     namespace = watch.name.rpartition("/")[0]
-    watch.outs.append(caller.node.create_publisher(Odometry, f"{namespace}/odom", DEEP))
+    watch.outs.append(client.node.create_publisher(Odometry, f"{namespace}/odom", DEEP))
     watch.wait_until(lambda: watch.outs[-1].get_subscription_count(), "odom is heard")
     told, names = [], Dynamics(load_robot("free_flying_arm"), compiled=False).joint_names
     for number, sample in enumerate(flights.flight(1, 6.0)):
         told.append((0, stated(sample.time, sample.q, sample.qd, sample.efforts, names)))
         if number % 4 == 0:
             odom = Odometry(header=told[-1][1].header, child_frame_id="base_body")
-            turned = as_rotation(sample.pose[:3, :3]).as_quat()
+            turned = to_scipy_rotation(sample.pose[:3, :3]).as_quat()
             odom.pose.pose, odom.twist.twist = write_pose(sample.pose[:3, 3], turned), write_twist(sample.twist)
             told.append((1, odom))
     watch.tell(told)
     watch.wait_until(lambda: watch.joints, "verdicts")
     assert {level for level, *_ in watch.joints.values()} <= {OK, STALE}
-    report = watch.ask("report")
+    report = watch.call_trigger("report")
     assert report.success and report.message.count("  passed") == 6
     loaded = {"payload.link": "arm_tool0", "payload.mass": 5.0}
-    assert caller.set_parameters(watch.name, loaded).successful  # by the model, and not in truth
+    assert client.set_parameters(watch.name, loaded).successful  # by the model, and not in truth
     watch.tell(told)
     watch.wait_until(lambda: named(watch), "joints out of tolerance")

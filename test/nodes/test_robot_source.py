@@ -6,13 +6,24 @@ import time
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from nodes.questions import PANDA, QD, QDD, Q, ask, call, field, inverse, inverse_request, still_serves
+from nodes.service_requests import (
+    PANDA,
+    QD,
+    QDD,
+    Q,
+    assert_still_serves,
+    call_service,
+    call_successfully,
+    field,
+    inverse,
+    inverse_request,
+)
 from peers.real_robots import real_urdf
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.running import Caller, running_node
+from robot_dynamics.nodes.processes import ServiceClient, running_node
 
 GOOD = real_urdf("ur5")
 REFUSED = {
@@ -38,12 +49,12 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_refused_description_leaves_the_old_robot_loaded(case, caller, panda, library):
+def test_refused_description_leaves_the_old_robot_loaded(case, client, panda, panda_dynamics):
     text, reason = REFUSED[case]
     assert text != GOOD
-    result = caller.set_parameters(panda, {"robot_description": text})
+    result = client.set_parameters(panda, {"robot_description": text})
     assert not result.successful and reason in result.reason
-    still_serves(caller, panda, library)
+    assert_still_serves(client, panda, panda_dynamics)
 
 
 @pytest.mark.parametrize(
@@ -64,21 +75,21 @@ def test_refused_description_leaves_the_old_robot_loaded(case, caller, panda, li
         ({"robot_file": 7}, "a text is needed"),
     ],
 )
-def test_refused_parameter_leaves_the_old_robot_loaded(change, reason, caller, panda, library):
-    result = caller.set_parameters(panda, change)
+def test_refused_parameter_leaves_the_old_robot_loaded(change, reason, client, panda, panda_dynamics):
+    result = client.set_parameters(panda, change)
     assert not result.successful and reason in result.reason, result.reason
-    still_serves(caller, panda, library)
+    assert_still_serves(client, panda, panda_dynamics)
 
 
-def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(caller, panda, library, tmp_path):
+def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(client, panda, panda_dynamics, tmp_path):
     path = tmp_path / "large.urdf"
     path.write_text(GOOD + " " * 100_000_000)
-    result = caller.set_parameters(panda, {"robot_file": str(path)})
+    result = client.set_parameters(panda, {"robot_file": str(path)})
     assert not result.successful and "100" in result.reason and "at most" in result.reason
-    still_serves(caller, panda, library)
+    assert_still_serves(client, panda, panda_dynamics)
 
 
-def test_server_survives_descriptions_that_no_parser_foresaw(caller, panda, library, tmp_path):
+def test_server_survives_descriptions_that_no_parser_foresaw(client, panda, panda_dynamics, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     undefined = tmp_path / "undefined.urdf"
     undefined.write_bytes(b'<?xml version="1.0" encoding="undefined"?><robot/>')
@@ -87,25 +98,25 @@ def test_server_survives_descriptions_that_no_parser_foresaw(caller, panda, libr
         {"robot_file": str(undefined)},
         {"robot_description": "panda"},
     ):
-        assert not caller.set_parameters(panda, change).successful
-        still_serves(caller, panda, library)
+        assert not client.set_parameters(panda, change).successful
+        assert_still_serves(client, panda, panda_dynamics)
 
 
-def test_file_that_changed_is_read_again(caller, start_server, tmp_path):
+def test_file_that_changed_is_read_again(client, start_server, tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(real_urdf("ur5"))
     server = start_server({"robot_file": str(path)})
     path.write_text(real_urdf("kinova"))
-    assert caller.set_parameters(server, {"robot_file": str(path)}).successful
-    response = call(caller, server, inverse())
+    assert client.set_parameters(server, {"robot_file": str(path)}).successful
+    response = call_service(client, server, inverse())
     assert (not response.success and "known are j2n6s200_joint_1" in response.message) or "j2" in response.message
 
 
-def test_whole_numbers_are_numbers(caller, start_server):
+def test_whole_numbers_are_numbers(client, start_server):
     server = start_server({"robot_file": "panda", "gravity": [0, 0, -10]})
-    assert caller.set_parameters(server, {"payload.link": "panda_link8", "payload.mass": 2}).successful
+    assert client.set_parameters(server, {"payload.link": "panda_link8", "payload.mass": 2}).successful
     heavy = Dynamics(load_robot("panda", gravity=(0, 0, -10)).with_payload("panda_link8", Inertia(2.0)), compiled=False)
-    answer = ask(caller, server, inverse())
+    answer = call_successfully(client, server, inverse())
     np.testing.assert_array_equal(field(answer.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
 
 
@@ -114,32 +125,32 @@ def test_whole_numbers_are_numbers(caller, start_server):
     [("<robot", "not well-formed"), ("", "nothing came on the topic robot_description"), (" ", "is empty")],
 )
 def test_server_without_a_robot_says_why_and_serves_when_it_gets_one(
-    description, reason, caller, start_server, library
+    description, reason, client, start_server, panda_dynamics
 ):
     server = start_server({"robot_description": description})
-    response = call(caller, server, inverse())
+    response = call_service(client, server, inverse())
     assert not response.success and "no robot is loaded: " in response.message
     assert reason in response.message
-    assert caller.set_parameters(server, {"robot_description": "", "robot_file": "panda"}).successful
-    still_serves(caller, server, library)
+    assert client.set_parameters(server, {"robot_description": "", "robot_file": "panda"}).successful
+    assert_still_serves(client, server, panda_dynamics)
 
 
-def publisher(caller, server):
+def publisher(client, server):
     qos = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    return caller.node.create_publisher(String, server.rsplit("/", 1)[0] + "/robot_description", qos)
+    return client.node.create_publisher(String, server.rsplit("/", 1)[0] + "/robot_description", qos)
 
 
-def eventually(caller, condition, seconds=30):
+def eventually(client, condition, seconds=30):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "it did not happen in time"
-        caller.spin(0.1)
+        client.spin(0.1)
 
 
-def test_latched_topic_gives_the_robot_and_another_one_later(caller, start_server):
+def test_latched_topic_gives_the_robot_and_another_one_later(client, start_server):
     """The description is published before the server is there; it changes; bad ones and one of 100 MB are refused."""
     name = "/latched"
-    latched = publisher(caller, f"{name}/dynamics_server")
+    latched = publisher(client, f"{name}/dynamics_server")
     latched.publish(String(data=GOOD))
     server = start_server(namespace=name)
     ur5 = [
@@ -153,15 +164,15 @@ def test_latched_topic_gives_the_robot_and_another_one_later(caller, start_serve
 
     def serves(names):
         zero = np.zeros((1, len(names)))
-        return call(caller, server, inverse_request(names, zero, zero, zero)).success
+        return call_service(client, server, inverse_request(names, zero, zero, zero)).success
 
-    eventually(caller, lambda: serves(ur5))
+    eventually(client, lambda: serves(ur5))
     latched.publish(String(data=real_urdf("panda")))
     joints = [*PANDA, "panda_finger_joint1"]
-    eventually(caller, lambda: serves(joints))
+    eventually(client, lambda: serves(joints))
     assert not serves(ur5)
     messages = []
-    caller.node.create_subscription(DiagnosticArray, "/diagnostics", messages.append, 10)
+    client.node.create_subscription(DiagnosticArray, "/diagnostics", messages.append, 10)
 
     def diagnosed(text):
         return any(
@@ -177,30 +188,30 @@ def test_latched_topic_gives_the_robot_and_another_one_later(caller, start_serve
         ("panda", "not well-formed"),  # the topic carries texts, never names of files
     ):
         latched.publish(String(data=bad))
-        eventually(caller, lambda reason=reason: diagnosed(reason))
+        eventually(client, lambda reason=reason: diagnosed(reason))
         assert serves(joints) and not serves(ur5)
-    caller.node.destroy_publisher(latched)
+    client.node.destroy_publisher(latched)
 
 
-def test_parameter_comes_before_the_topic(caller, start_server, library):
+def test_parameter_comes_before_the_topic(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"}, namespace="/preferred")
-    latched = publisher(caller, server)
+    latched = publisher(client, server)
     latched.publish(String(data=GOOD))
-    eventually(caller, lambda: latched.get_subscription_count() == 1)
-    caller.spin(1.0)
-    still_serves(caller, server, library)
+    eventually(client, lambda: latched.get_subscription_count() == 1)
+    client.spin(1.0)
+    assert_still_serves(client, server, panda_dynamics)
     # it came all the same, and is used once no parameter names a robot
-    assert caller.set_parameters(server, {"robot_file": ""}).successful
-    assert "shoulder_pan_joint" in call(caller, server, inverse(["shoulder_pan_join", *PANDA[1:]])).message
-    caller.node.destroy_publisher(latched)
+    assert client.set_parameters(server, {"robot_file": ""}).successful
+    assert "shoulder_pan_joint" in call_service(client, server, inverse(["shoulder_pan_join", *PANDA[1:]])).message
+    client.node.destroy_publisher(latched)
 
 
 def test_diagnostics_tell_what_is_served_and_what_was_refused(start_server):
     server = start_server({"robot_file": "panda"})
-    own = Caller("listener")
+    own = ServiceClient("listener")
     found = []
     own.node.create_subscription(DiagnosticArray, "/diagnostics", found.append, 10)
-    call(own, server, inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]))
+    call_service(own, server, inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]))
 
     def told():
         statuses = [status for message in found for status in message.status if status.name.startswith(server)]

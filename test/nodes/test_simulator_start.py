@@ -7,11 +7,16 @@ import pytest
 from peers.real_robots import real_urdf
 
 from robot_dynamics import load_robot
-from robot_dynamics.nodes.running import running_node
-from robot_dynamics.nodes.simulator_parameters import PARAMETERS, beyond_limits, checked, simulated
+from robot_dynamics.nodes.mobile_base_simulator.parameters import (
+    PARAMETERS,
+    joint_limit_warnings,
+    build_simulation,
+    validate_parameter,
+)
+from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.simulation import Simulation
 
-from .simulated import Simulated
+from .simulator_probe import SimulatorProbe
 
 SLIDE = """<robot name="slide"><link name="base"/><link name="cart"><inertial><mass value="1"/>
   <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>
@@ -21,16 +26,17 @@ SLIDE = """<robot name="slide"><link name="base"/><link name="cart"><inertial><m
 
 def begun(robot, **told):
     values = {
-        name: checked(name, told.get(name.replace(".", "_"), default)) for name, (default, _) in PARAMETERS.items()
+        name: validate_parameter(name, told.get(name.replace(".", "_"), default))
+        for name, (default, _) in PARAMETERS.items()
     }
-    return simulated(values, robot).simulation
+    return build_simulation(values, robot).simulation
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "z1", "so101", "allegro", "solo12", "hyq"])
 def test_real_robots_begin_within_their_limits(name):
     robot = load_robot(real_urdf(name))
     simulation, resting = begun(robot), Simulation(robot).state.positions
-    assert not list(beyond_limits(simulation))
+    assert not list(joint_limit_warnings(simulation))
     for joint, position, before in zip(simulation.joint_names, simulation.state.positions, resting, strict=True):
         limits = robot.joints[robot.joint_numbers[joint]].limits
         inside = limits.lower <= before <= limits.upper
@@ -59,19 +65,19 @@ def test_zero_where_it_is_allowed_and_else_the_middle(lower, upper, position):
 def test_what_a_parameter_or_the_description_says_comes_first():
     robot = load_robot("panda")
     simulation = begun(robot, initial_joints=["panda_joint4"], initial_positions=[0.3])
-    assert simulation.state.positions[3] == 0.3 and len(list(beyond_limits(simulation))) == 1
+    assert simulation.state.positions[3] == 0.3 and len(list(joint_limit_warnings(simulation))) == 1
     table = (
         "robot: r\njoints:\n  - {joint: j, link: l, mass: 1, inertia: {zz: 1}, initial_position: 2, limits: {upper: 1}}"
     )
     simulation = begun(load_robot(table))
-    assert simulation.state.positions.tolist() == [2.0] and len(list(beyond_limits(simulation))) == 1
+    assert simulation.state.positions.tolist() == [2.0] and len(list(joint_limit_warnings(simulation))) == 1
 
 
-def test_a_simulated_panda_starts_without_a_warning(caller, tmp_path):
+def test_a_simulated_panda_starts_without_a_warning(client, tmp_path):
     log = tmp_path / "log"
     with log.open("w") as file, running_node("mobile_base_simulator", {"robot_file": "panda", "start_paused": True},
                                              "/within", log=file):  # fmt: skip
-        node = Simulated("/within/mobile_base_simulator", caller)
+        node = SimulatorProbe("/within/mobile_base_simulator", client)
         node.wait_until(lambda: node.joint_states, "joint_states")
         deadline = time.monotonic() + 30
         while "simulates" not in log.read_text():

@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import peers
 import pytest
-from nodes.stand import PANDA, Q, Stand, to_time, trajectory
+from nodes.controller_probe import PANDA, ControllerProbe, Q, to_time, trajectory_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
-from robot_dynamics.nodes.messages import nanoseconds
-from robot_dynamics.nodes.qualities import LATCHED
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.processes import running_node
+from robot_dynamics.nodes.qos import LATCHED_QOS
 
 PUBLISHER = Path(peers.__file__).with_name("state_publisher.py")
 GRAVITY = Dynamics(load_robot("panda"), compiled=False).gravity(Q)
@@ -38,8 +38,8 @@ TOLD = {
 
 
 @contextmanager
-def stand_of(target, caller):
-    made = Stand(target, caller)
+def stand_of(target, client):
+    made = ControllerProbe(target, client)
     try:
         yield made
         sent = np.array([efforts for _, efforts in made.commands])
@@ -54,8 +54,8 @@ def target(start_module_server):
 
 
 @pytest.fixture
-def stand(target, caller):
-    with stand_of(target, caller) as made:
+def stand(target, client):
+    with stand_of(target, client) as made:
         yield made
 
 
@@ -77,7 +77,7 @@ def held(stand):
 
 def check_way_to_zero(stand, since, visible):
     """Efforts of messages from number `since` on are on the way to zero soon after the fault was visible [ns]."""
-    late = [(nanoseconds(m.header.stamp) - visible) * 1e-6 - SOON for m in stand.efforts[since:]]
+    late = [(to_nanoseconds(m.header.stamp) - visible) * 1e-6 - SOON for m in stand.efforts[since:]]
     allowed = {ms: max(0.0, 1 - ms / RAMP) for ms in late}
     for ms, message in zip(late, stand.efforts[since:], strict=True):
         if ms >= 0:
@@ -87,14 +87,16 @@ def check_way_to_zero(stand, since, visible):
 
 def first_held(efforts, after=0):
     """The stamp [ns] of the first efforts beyond `after` that hold the robot; None where none do yet."""
-    later = (m for m in efforts if nanoseconds(m.header.stamp) > after)  # few: a look must not keep states from coming
-    return next((nanoseconds(m.header.stamp) for m in later if np.abs(np.array(m.effort) - HELD).max() < 1e-9), None)
+    later = (
+        m for m in efforts if to_nanoseconds(m.header.stamp) > after
+    )  # few: a look must not keep states from coming
+    return next((to_nanoseconds(m.header.stamp) for m in later if np.abs(np.array(m.effort) - HELD).max() < 1e-9), None)
 
 
 def check_recovery(stand):
     """From the last zeros, sent because states were still missing, to efforts that hold the robot."""
     last = max(k for k, message in enumerate(stand.efforts) if not np.any(message.effort))
-    began = nanoseconds(stand.efforts[last].header.stamp)
+    began = to_nanoseconds(stand.efforts[last].header.stamp)
     print(f"efforts again after {(first_held(stand.efforts[last:]) - began) * 1e-6:.0f} ms")  # a time of this machine
 
 
@@ -105,15 +107,15 @@ def zeros(stand, count=5):
 def test_a_publisher_that_is_killed_and_comes_back_with_another_joint_order(stand):
     namespace = stand.target.rpartition("/")[0]
     with publisher(namespace) as process:
-        stand.wait_until(lambda: held(stand) and len(stand.heard) > 100, "efforts")
+        stand.wait_until(lambda: held(stand) and len(stand.state_stamps) > 100, "efforts")
         process.send_signal(signal.SIGKILL)
         process.wait()
         stand.wait_until(lambda: zeros(stand), "zeros")
     time.sleep(0.2)
-    visible = stand.heard[-1] + TIMEOUT * 1_000_000
-    since = next(k for k, m in enumerate(stand.efforts) if nanoseconds(m.header.stamp) > stand.heard[-1])
+    visible = stand.state_stamps[-1] + TIMEOUT * 1_000_000
+    since = next(k for k, m in enumerate(stand.efforts) if to_nanoseconds(m.header.stamp) > stand.state_stamps[-1])
     check_way_to_zero(stand, since, visible)
-    stand.wait_until(lambda: stand.says("no joint_states for more than 20 ms"), "the cause")
+    stand.wait_until(lambda: stand.has_diagnostic("no joint_states for more than 20 ms"), "the cause")
     with publisher(namespace, PANDA[::-1], Q[::-1]):
         stand.wait_until(lambda: held(stand), "efforts again")
     check_recovery(stand)
@@ -137,7 +139,7 @@ def test_states_that_cannot_be_used(what, stand):
     stand.stream_until(lambda: held(stand), "efforts")
     since, began = len(stand.efforts), time.time_ns()
     stand.stream(0.25, **bad)
-    stand.wait_until(lambda: stand.says(f"efforts go to zero: {said}") or stand.says(said), said)
+    stand.wait_until(lambda: stand.has_diagnostic(f"efforts go to zero: {said}") or stand.has_diagnostic(said), said)
     check_way_to_zero(stand, since, began)
     stand.stream_until(lambda: held(stand), "efforts again")
     check_recovery(stand)
@@ -156,27 +158,27 @@ def test_efforts_that_are_late_again_and_again(stand):
     stand.stream_until(lambda: held(stand), "efforts")
     assert stand.set_parameters(deadline=1e-4, deadline_misses=5).successful  # [s], no message is that fast
     stand.stream_until(
-        lambda: stand.says("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
+        lambda: stand.has_diagnostic("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
     )
     stand.stream_until(lambda: zeros(stand), "zeros")
     assert stand.set_parameters(deadline=TOLD["deadline"]).successful
     stand.stream_until(lambda: held(stand), "efforts again")
 
 
-def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(start_server, caller):
+def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(start_server, client):
     told = {name: value for name, value in TOLD.items() if name != "robot_file"}
     target = start_server(told, executable="computed_torque")
-    with stand_of(target, caller) as stand:
-        description = stand.node.create_publisher(String, "robot_description", LATCHED)
+    with stand_of(target, client) as stand:
+        description = stand.node.create_publisher(String, "robot_description", LATCHED_QOS)
         texts = {name: shipped_robots()[name].read_text() for name in ("panda", "ur5e")}
         description.publish(String(data=texts["panda"]))
         stand.stream_until(lambda: held(stand), "efforts")
         description.publish(String(data="<robot"))
-        stand.stream_until(lambda: stand.says("last change refused: topic robot_description"), "the refusal")
+        stand.stream_until(lambda: stand.has_diagnostic("last change refused: topic robot_description"), "the refusal")
         assert held(stand), "what is no robot leaves the one before it"
         description.publish(String(data=texts["ur5e"]))
         said = "the description of 'ur5e' does not fit: parameter joints: unknown joint 'panda_joint1'"
-        stand.stream_until(lambda: stand.says(f"efforts go to zero: {said}"), said)
+        stand.stream_until(lambda: stand.has_diagnostic(f"efforts go to zero: {said}"), said)
         stand.stream_until(lambda: zeros(stand), "zeros")
         heavier = texts["panda"].replace('<mass value="3', '<mass value="4')
         description.publish(String(data=heavier))
@@ -187,9 +189,9 @@ def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(
         print(f"another robot was ready after {time.monotonic() - back:.2f} s")
 
 
-def test_a_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, caller):
+def test_a_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, client):
     target = start_server({**TOLD, "use_sim_time": True}, executable="computed_torque")
-    with stand_of(target, caller) as stand:
+    with stand_of(target, client) as stand:
         clock, now = stand.node.create_publisher(Clock, "/clock", 10), [10 * 10**9]
 
         def run(condition, what, patience=20.0):
@@ -206,23 +208,25 @@ def test_a_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, cal
         now[0] = 2 * 10**9
         since = len(stand.efforts)
         run(lambda: zeros(stand, 40), "zeros")
-        run(lambda: stand.says("the clock jumped back by"), "the cause")
-        sent = [m for m in stand.efforts[since:] if nanoseconds(m.header.stamp) < 9 * 10**9]
+        run(lambda: stand.has_diagnostic("the clock jumped back by"), "the cause")
+        sent = [m for m in stand.efforts[since:] if to_nanoseconds(m.header.stamp) < 9 * 10**9]
         for message in sent:
-            ms = nanoseconds(message.header.stamp) * 1e-6 - 2000 - SOON
+            ms = to_nanoseconds(message.header.stamp) * 1e-6 - 2000 - SOON
             assert (np.abs(message.effort) <= np.clip(1 - ms / RAMP, 0, 1) * np.abs(HELD) + 1e-9).all()
-        stand.reference.publish(trajectory(PANDA, [0.0, 1.0], [Q, Q]))
+        stand.reference.publish(trajectory_message(PANDA, [0.0, 1.0], [Q, Q]))
         run(lambda: held(stand), "efforts with a new reference")
         # the simulation is gone: no time goes on, and no state comes
         since = len(stand.diagnostics)
         stand.wait_until(lambda: zeros(stand), "zeros while time stands still", patience=3.0)
-        stand.wait_until(lambda: stand.says("no joint_states for 1 s, and the clock stands still", since), "the cause")
+        stand.wait_until(
+            lambda: stand.has_diagnostic("no joint_states for 1 s, and the clock stands still", since), "the cause"
+        )
         run(lambda: held(stand), "efforts where time goes on")
 
 
-def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):
+def test_a_node_that_is_killed_begins_again_with_zeros(ros, client):
     namespace, ramp = "/killed", 10.0  # [s] longer than it may take until the new process is heard
-    with publisher(namespace), stand_of(f"{namespace}/computed_torque", caller) as stand:
+    with publisher(namespace), stand_of(f"{namespace}/computed_torque", client) as stand:
         with running_node("computed_torque", TOLD, namespace) as process:
             stand.wait_until(lambda: held(stand), "efforts")
             process.send_signal(signal.SIGKILL)
@@ -234,5 +238,5 @@ def test_a_node_that_is_killed_begins_again_with_zeros(ros, caller):
         stand.wait_until(lambda: not np.any(stand.commands[-1][1]), "zeros, the last of a node that ends")
         first, sent = stand.efforts[since], np.array([efforts for _, efforts in stand.commands[count:]])
         share = np.abs(first.effort).max() / np.abs(HELD).max()  # of the ramp, by which it was at zero
-        assert nanoseconds(first.header.stamp) - share * ramp * 1e9 > started
+        assert to_nanoseconds(first.header.stamp) - share * ramp * 1e9 > started
         assert np.abs(np.diff(sent[:-1], axis=0)).max() < 0.1 * np.abs(HELD).max()

@@ -19,13 +19,13 @@ import numpy as np
 import peers
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from nodes.stand import PANDA, Q, trajectory
+from nodes.controller_probe import PANDA, Q, trajectory_message
 from peers.effort_observer import COMMAND, EFFORT, RECORD, STATE
 from peers.state_publisher import SWEEP, drifted
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.nodes.running import running_node, stop
+from robot_dynamics.nodes.processes import running_node, terminate_process
 
 ROUNDS = int(os.environ.get("INTERRUPTION_ROUNDS", "5"))
 OBSERVER, PUBLISHER = (Path(peers.__file__).with_name(name) for name in ("effort_observer.py", "state_publisher.py"))
@@ -46,7 +46,7 @@ class Bench:
     publisher.
     """
 
-    def __init__(self, stack, caller, path, parameters=None, options=()):
+    def __init__(self, stack, client, path, parameters=None, options=()):
         self.namespace = f"/interruptions_{os.getpid()}_{time.monotonic_ns()}"
         target = f"{self.namespace}/computed_torque"
         self._stack, self._options = stack, options
@@ -55,13 +55,13 @@ class Bench:
         listener = subprocess.Popen(
             [sys.executable, OBSERVER, target, os.devnull], env={**os.environ, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
         )
-        stack.callback(stop, listener)
+        stack.callback(terminate_process, listener)
         self.observer = subprocess.Popen([sys.executable, OBSERVER, target, path])
-        stack.callback(stop, self.observer)
+        stack.callback(terminate_process, self.observer)
         self.publisher = None
         self.start_publisher()
-        self._reference = caller.node.create_publisher(JointTrajectory, f"{target}/reference", 1)
-        stack.callback(caller.node.destroy_publisher, self._reference)
+        self._reference = client.node.create_publisher(JointTrajectory, f"{target}/reference", 1)
+        stack.callback(client.node.destroy_publisher, self._reference)
         until = time.monotonic() + PATIENCE
         while not path.exists():
             assert time.monotonic() < until, "the observer did not start"
@@ -84,23 +84,23 @@ class Bench:
         threads = [f"/proc/{self.node.pid}", *Path(f"/proc/{self.observer.pid}/task").iterdir()]
         return sum(int(Path(thread, "schedstat").read_text().split()[1]) for thread in threads)
 
-    def diagnosis(self, caller, pattern=""):
+    def diagnosis(self, client, pattern=""):
         """Values of the next status on /diagnostics in whose message a pattern is found."""
         statuses = []
-        subscription = caller.node.create_subscription(
+        subscription = client.node.create_subscription(
             DiagnosticArray, "/diagnostics", lambda array: statuses.extend(array.status), 10
         )
         until = time.monotonic() + PATIENCE
         try:
             while True:
                 assert time.monotonic() < until, statuses[-3:]
-                caller.spin(0.1)
+                client.spin(0.1)
                 for status in statuses:
                     ours = status.name == f"{self.namespace}/computed_torque: control"
                     if ours and re.search(pattern, status.message):
                         return {pair.key: pair.value for pair in status.values}
         finally:
-            caller.node.destroy_subscription(subscription)
+            client.node.destroy_subscription(subscription)
 
     def forget(self):
         self._file.seek(0, os.SEEK_END)
@@ -149,7 +149,7 @@ class Bench:
         until = time.monotonic() + PATIENCE
         while self.settled(DAMPED, LED) is DAMPED:
             assert time.monotonic() < until, "the reference is not followed"
-            self._reference.publish(trajectory(PANDA, [0.0], [REFERENCE]))
+            self._reference.publish(trajectory_message(PANDA, [0.0], [REFERENCE]))
             time.sleep(0.3)
             self.forget()
         self.forget()
@@ -162,9 +162,9 @@ def _kill(process):
 
 
 @pytest.fixture(scope="module")
-def bench(ros, caller, tmp_path_factory):
+def bench(ros, client, tmp_path_factory):
     with ExitStack() as stack:
-        yield Bench(stack, caller, tmp_path_factory.mktemp("observer") / "records.bin")
+        yield Bench(stack, client, tmp_path_factory.mktemp("observer") / "records.bin")
 
 
 @contextmanager
@@ -221,7 +221,7 @@ def check_silence(bench, dropped, slack):
     return text, faults
 
 
-def test_states_without_stamps_that_waited_while_the_node_stood_still(ros, caller, tmp_path):
+def test_states_without_stamps_that_waited_while_the_node_stood_still(ros, client, tmp_path):
     """The second joint moves, so that its effort says which state it answers; without a ramp it says so at once."""
     drift = 0.025
     swept = np.linspace(0.0, SWEEP, 2000, endpoint=False)
@@ -232,7 +232,7 @@ def test_states_without_stamps_that_waited_while_the_node_stood_still(ros, calle
     rng = np.random.default_rng(2)
     parameters = {"mode": "gravity_compensation", "ramp_time": 0.0}
     with ExitStack() as stack, reported("stop of the node, states without stamps") as rounds:
-        bench = Bench(stack, caller, tmp_path / "records.bin", parameters, ["--unstamped", "--drift", str(drift)])
+        bench = Bench(stack, client, tmp_path / "records.bin", parameters, ["--unstamped", "--drift", str(drift)])
         for _ in range(ROUNDS):
             bench.forget()
             bench.wait_for_efforts()
@@ -306,10 +306,10 @@ def since(records, time):
 
 
 @pytest.mark.timeout(60 + 15 * ROUNDS)
-def test_a_node_that_stands_still_while_another_process_listens(bench, caller):
+def test_a_node_that_stands_still_while_another_process_listens(bench, client):
     rng = np.random.default_rng(1)
     wrong = []
-    before = bench.diagnosis(caller)
+    before = bench.diagnosis(client)
     with reported("stop of the node") as rounds:
         for k in range(ROUNDS):
             bench.lead()
@@ -329,14 +329,14 @@ def test_a_node_that_stands_still_while_another_process_listens(bench, caller):
             rounds.append(text)
             wrong += [f"round {k}: {fault}: {text}" for fault in faults]
     assert not wrong, "\n".join(wrong)
-    values = bench.diagnosis(caller, "it was dropped as efforts went to zero: ")
+    values = bench.diagnosis(client, "it was dropped as efforts went to zero: ")
     assert int(values["standstills"]) >= int(before["standstills"]) + ROUNDS
 
 
-def test_points_without_stamps_that_waited_while_the_node_stood_still(bench, caller):
+def test_points_without_stamps_that_waited_while_the_node_stood_still(bench, client):
     bench.lead()
-    publisher = caller.node.create_publisher(JointTrajectory, f"{bench.namespace}/computed_torque/reference_point", 10)
-    point = trajectory(PANDA, [0.0], [REFERENCE], [np.zeros(7)], [np.zeros(7)])
+    publisher = client.node.create_publisher(JointTrajectory, f"{bench.namespace}/computed_torque/reference_point", 10)
+    point = trajectory_message(PANDA, [0.0], [REFERENCE], [np.zeros(7)], [np.zeros(7)])
 
     def stream(count):
         for _ in range(count):
@@ -355,7 +355,7 @@ def test_points_without_stamps_that_waited_while_the_node_stood_still(bench, cal
         bench.node.send_signal(signal.SIGCONT)
         time.sleep(0.5)
         assert bench.settled(DAMPED, LED) is DAMPED
-        values = bench.diagnosis(caller)
+        values = bench.diagnosis(client)
         assert re.search(r"the point is 0\.[45]\d* s old", values["last refusal"]), values
     finally:
-        caller.node.destroy_publisher(publisher)
+        client.node.destroy_publisher(publisher)

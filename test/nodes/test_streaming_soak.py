@@ -8,9 +8,9 @@ import time
 from pathlib import Path
 
 import numpy as np
-from nodes.stand import PANDA, Q, Stand, trajectory
+from nodes.controller_probe import PANDA, ControllerProbe, Q, trajectory_message
 
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.processes import running_node
 
 SECONDS = float(os.environ.get("SOAK_SECONDS", "20"))
 RATE, REFERENCES = 1000.0, 50.0  # [1/s]
@@ -23,12 +23,12 @@ def memory(process):
     return 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
 
 
-def test_efforts_stream_without_growing_and_without_missing_a_reference(ros, caller):
+def test_efforts_stream_without_growing_and_without_missing_a_reference(ros, client):
     told = {"robot_file": "panda", "state_timeout": 0.5, "reference_timeout": 2.0, "deadline": 1.0}
     with running_node("computed_torque", told, "/soak") as process:
-        stand = Stand("/soak/computed_torque", caller, keep=1000)
+        stand = ControllerProbe("/soak/computed_torque", client, history=1000)
         try:
-            stand.connect()
+            stand.stream_until_steady()
             first = len(stand.diagnostics)
             began = following = reference = time.monotonic()
             kept, states, sent = None, 0, 0
@@ -36,7 +36,7 @@ def test_efforts_stream_without_growing_and_without_missing_a_reference(ros, cal
                 stand.publish(q=Q + 1e-3 * np.sin(now - began))
                 states += 1
                 if now >= reference:
-                    stand.point.publish(trajectory(PANDA, [0.0], [Q], [np.zeros(7)], [np.zeros(7)]))
+                    stand.reference_point.publish(trajectory_message(PANDA, [0.0], [Q], [np.zeros(7)], [np.zeros(7)]))
                     reference, sent = reference + 1 / REFERENCES, sent + 1
                 if kept is None and now > began + max(SECONDS / 10, min(60.0, SECONDS / 2)):
                     kept = memory(process)

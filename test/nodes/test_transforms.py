@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from robot_dynamics.nodes.running import running_node
+from robot_dynamics.nodes.processes import running_node
 
 PACKAGE = """<?xml version="1.0"?><package format="3"><name>tf2_msgs</name><version>0.0.0</version>
 <description>For tests</description><maintainer email="nobody@example.org">nobody</maintainer><license>BSD</license>

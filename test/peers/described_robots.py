@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from robot_dynamics import Spring
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Limits, Mimic
-from robot_dynamics.model.loop import End, Loop
+from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 from robot_dynamics.model.robot import Frame, Link, Robot
 
@@ -83,10 +83,10 @@ def draw_loops(draw, joint_names, tree, others, place):
     for number in range(tree + 1, count + 1):
         closed_on = draw(any_link)
         if draw(st.integers(0, 9)) and closed_on != number:
-            loops.append(Loop(joint_names[number - 1], End(number, np.eye(4)), End(closed_on, place())))
+            loops.append(Loop(joint_names[number - 1], LoopEnd(number, np.eye(4)), LoopEnd(closed_on, place())))
     free = sorted({*others, *joint_names} - {loop.name for loop in loops})
     for name in draw(st.lists(st.sampled_from(free), max_size=2, unique=True)):
         moved, closed_on = draw(st.lists(any_link, min_size=2, max_size=2, unique=True))
-        loop = Loop(name, End(moved, place()), End(closed_on, place()), ball=draw(st.booleans()))
+        loop = Loop(name, LoopEnd(moved, place()), LoopEnd(closed_on, place()), is_spherical=draw(st.booleans()))
         loops.insert(draw(st.integers(0, len(loops))), loop)
     return tuple(loops)

@@ -20,9 +20,9 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from robot_dynamics.nodes.message_info import WithMessageInfo
+from robot_dynamics.nodes.message_info import MessageInfoCallback
 from robot_dynamics.nodes.middleware import without_shared_memory
-from robot_dynamics.nodes.running import events_executor
+from robot_dynamics.nodes.processes import make_events_executor
 
 JOINTS = 7
 STATE, COMMAND, EFFORT = range(3)
@@ -65,8 +65,8 @@ def main():
         (COMMAND, Float64MultiArray, f"{target}/commands"),
         (EFFORT, JointState, f"{target}/effort"),
     ):
-        node.create_subscription(message, topic, WithMessageInfo(partial(write, kind)), DEEP, raw=True)
-    executor = events_executor()
+        node.create_subscription(message, topic, MessageInfoCallback(partial(write, kind)), DEEP, raw=True)
+    executor = make_events_executor()
     executor.add_node(node)
     while not stopped.is_set():
         executor.spin_once(timeout_sec=0.1)

@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import End
-from robot_dynamics.model.placement import inverse, placement
+from robot_dynamics.model.loop import LoopEnd
+from robot_dynamics.model.placement import invert_placement, placement
 from robot_dynamics.model.robot import Frame, Link
 
 TURNED = placement([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # z comes to lie along x, x along y, y along z
@@ -47,8 +47,10 @@ def attached(robot, *legs):
 def _carried(robot, platform, loop, links, joints, placed):
     """(link, placement in its frame) of a platform on a leg; adds the joints of a ball joint."""
     carrier = placed[loop.moved.link][0]
-    stands = loop.moved.placement @ inverse(loop.closed_on.placement)  # the platform in the frame of its carrier
-    if loop.ball:
+    stands = loop.moved.placement @ invert_placement(
+        loop.closed_on.placement
+    )  # the platform in the frame of its carrier
+    if loop.is_spherical:
         name = robot.links[platform.link].name
         for k in range(3):
             placement = loop.moved.placement if k == 0 else TURNED
@@ -57,15 +59,15 @@ def _carried(robot, platform, loop, links, joints, placed):
             )
             links.append(Link(f"{name}_attached_{k}", Inertia()))
             carrier = len(links) - 1
-        stands = inverse(loop.closed_on.placement)
-    body = robot.links[platform.link].inertia.seen_from(stands)
+        stands = invert_placement(loop.closed_on.placement)
+    body = robot.links[platform.link].inertia.transformed_by(stands)
     links[carrier] = Link(links[carrier].name, links[carrier].inertia + body)
     return carrier, stands
 
 
 def _on(end, placed):
     link, stands = placed[end.link]
-    return End(link, stands @ end.placement)
+    return LoopEnd(link, stands @ end.placement)
 
 
 def seed_of_attached(dynamics, other, q, *legs):
@@ -77,10 +79,14 @@ def seed_of_attached(dynamics, other, q, *legs):
             seed[:, place] = q[:, robot.joint_numbers[joint]]
     for link, leg in zip(robot.platform_links, legs, strict=True):
         loop = robot.loops[leg]
-        if loop.ball:
+        if loop.is_spherical:
             carrier, moved = dynamics.link_pose(robot.links[loop.moved.link].name, q), dynamics.link_pose(link, q)
-            carrier = carrier @ inverse(robot.frame(robot.links[loop.moved.link].name).placement) @ loop.moved.placement
-            moved = moved @ inverse(robot.frame(link).placement) @ loop.closed_on.placement
+            carrier = (
+                carrier
+                @ invert_placement(robot.frame(robot.links[loop.moved.link].name).placement)
+                @ loop.moved.placement
+            )
+            moved = moved @ invert_placement(robot.frame(link).placement) @ loop.closed_on.placement
             R = np.swapaxes(carrier[:, :3, :3], 1, 2) @ moved[:, :3, :3]
             # Rz(a) C Rz(b) C Rz(c) = R, with C the cyclic turn: Rz(a) Rx(b) Ry(c) C C = R
             places = [other.all_joint_names.index(f"{link}_attached_{k}") for k in range(3)]

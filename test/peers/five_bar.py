@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.loop import End, Loop
-from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
+from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot
 
 from .planar_lagrange import (
     JointProperties,
@@ -46,7 +46,7 @@ class FiveBar(PlanarLagrange):
     joints: tuple = (JointProperties(),) * 5
     mode: int = 1
     plane: np.ndarray = None
-    gravity: np.ndarray = EARTH
+    gravity: np.ndarray = EARTH_GRAVITY
     independent = (0, 2)
 
     def __post_init__(self):
@@ -126,7 +126,7 @@ class FiveBar(PlanarLagrange):
             tuple(joints),
             tuple(Frame(link.name, number, np.eye(4)) for number, link in enumerate(links)),
             gravity=self.gravity,
-            loops=(Loop("five_bar", End(5, np.eye(4)), End(4, translation(self.rods[1]))),),
+            loops=(Loop("five_bar", LoopEnd(5, np.eye(4)), LoopEnd(4, translation(self.rods[1]))),),
         )
 
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.loop import End, Loop
-from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
+from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot
 
 from .planar_lagrange import (
     JointProperties,
@@ -45,7 +45,7 @@ class FourBar(PlanarLagrange):
     joints: tuple = (JointProperties(),) * 4
     mode: int = 1
     plane: np.ndarray = None
-    gravity: np.ndarray = EARTH
+    gravity: np.ndarray = EARTH_GRAVITY
     independent = (0,)
 
     def __post_init__(self):
@@ -103,16 +103,16 @@ class FourBar(PlanarLagrange):
         links = [Link("base", Inertia())]
         links += [Link(name, body.about_origin()) for name, body in zip(names, self.bodies, strict=False)]
         links.append(Link("cut", Inertia()))
-        moved, kept = End(4, np.eye(4)), 4
+        moved, kept = LoopEnd(4, np.eye(4)), 4
         if ball:
-            moved, kept = End(2, translation(self.coupler)), 3
+            moved, kept = LoopEnd(2, translation(self.coupler)), 3
         return Robot(
             "four_bar",
             tuple(links[: kept + 1]),
             tuple(joints[:kept]),
             tuple(Frame(link.name, number, np.eye(4)) for number, link in enumerate(links[: kept + 1])),
             gravity=self.gravity,
-            loops=(Loop("four_bar", moved, End(3, translation(self.rocker)), ball),),
+            loops=(Loop("four_bar", moved, LoopEnd(3, translation(self.rocker)), ball),),
         )
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import End, Loop
+from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.placement import placement
-from robot_dynamics.model.platform import COORDINATES, ONWARD, OWN_FRAME, Platform, coordinate_joints
+from robot_dynamics.model.platform import COORDINATES, CYCLIC_ROTATION, PLATFORM_FRAME, Platform, make_coordinate_joints
 from robot_dynamics.model.robot import Frame, Link, Robot
 
 HEIGHT = 0.8  # [m] of the platform at the start
@@ -29,10 +29,10 @@ def gough_stewart(friction=True):
         x, y, z = along / length
         first = len(links)
         joints += [
-            Joint(f"u{k}", 0, False, placement(ONWARD, low), actuated=False, initial_position=np.arctan2(-y, z),
+            Joint(f"u{k}", 0, False, placement(CYCLIC_ROTATION, low), actuated=False, initial_position=np.arctan2(-y, z),
                   viscous_friction=0.1 * friction),
-            Joint(f"v{k}", first, False, placement(ONWARD), actuated=False, initial_position=np.arcsin(x)),
-            Joint(f"leg{k}", first + 1, True, placement(ONWARD), initial_position=length, rotor_inertia=0.3,
+            Joint(f"v{k}", first, False, placement(CYCLIC_ROTATION), actuated=False, initial_position=np.arcsin(x)),
+            Joint(f"leg{k}", first + 1, True, placement(CYCLIC_ROTATION), initial_position=length, rotor_inertia=0.3,
                   viscous_friction=5.0 * friction, coulomb_friction=1.0 * friction),
         ]  # fmt: skip
         links += [
@@ -42,17 +42,22 @@ def gough_stewart(friction=True):
         ]
         ends.append((first + 2, high))
     first = len(links)
-    joints += coordinate_joints("platform", first, (0, 0, HEIGHT, 0, 0, 0))
+    joints += make_coordinate_joints("platform", first, (0, 0, HEIGHT, 0, 0, 0))
     links += [(f"platform_{name}_link", Inertia()) for name in COORDINATES[:-1]]
-    links.append(("platform", body(10.0, [0.3, 0.4, 0.6], [0.02, 0.01, 0.05]).seen_from(OWN_FRAME)))
+    links.append(("platform", body(10.0, [0.3, 0.4, 0.6], [0.02, 0.01, 0.05]).transformed_by(PLATFORM_FRAME)))
     platform = len(links) - 1
     return Robot(
         "gough_stewart",
         tuple(Link(*link) for link in links),
         tuple(joints),
-        tuple(Frame(name, k, OWN_FRAME if k == platform else np.eye(4)) for k, (name, _) in enumerate(links)),
+        tuple(Frame(name, k, PLATFORM_FRAME if k == platform else np.eye(4)) for k, (name, _) in enumerate(links)),
         loops=tuple(
-            Loop(f"ball{k}", End(link, np.eye(4)), End(platform, OWN_FRAME @ placement(translation=high)), ball=True)
+            Loop(
+                f"ball{k}",
+                LoopEnd(link, np.eye(4)),
+                LoopEnd(platform, PLATFORM_FRAME @ placement(translation=high)),
+                is_spherical=True,
+            )
             for k, (link, high) in enumerate(ends)
         ),
         platforms=(Platform(platform, tuple(range(first - 1, first + 5))),),

@@ -17,6 +17,6 @@ def truth(columns, offsets=0.0):
     joints = [replace(joint, viscous_friction=fv, coulomb_friction=fs) for joint, fv, fs
               in zip(robot.joints, VISCOUS, COULOMB, strict=True)]  # fmt: skip
     parameters = Dynamics(replace(robot, joints=tuple(joints))).parameters
-    others = np.zeros(len(columns.names) - len(columns.kept))
+    others = np.zeros(len(columns.names) - len(columns.parameter_indices))
     others[:7] = offsets
-    return np.concatenate([columns.from_parameters @ parameters, others])
+    return np.concatenate([columns.grouping_matrix @ parameters, others])

@@ -30,7 +30,7 @@ def loop_gaps(robot, q):
     for loop in robot.loops:
         k, other = (poses[end.link] @ end.placement for end in loop.ends)
         gaps.append(k[:3, 3] - other[:3, 3])
-        if not loop.ball:
+        if not loop.is_spherical:
             gaps.append(Rotation.from_matrix(k[:3, :3] @ other[:3, :3].T).as_rotvec())
     return np.concatenate([np.zeros(0), *gaps])
 
@@ -41,7 +41,7 @@ def loop_jacobian(robot, q):
     blocks = []
     for loop in robot.loops:
         k, other = (_velocity_of(motion, end) for end in loop.ends)
-        blocks.append((k - other)[: 3 if loop.ball else 6])
+        blocks.append((k - other)[: 3 if loop.is_spherical else 6])
     return np.vstack([np.zeros((0, len(robot.joints))), *blocks])
 
 

@@ -103,7 +103,7 @@ def cut_links(robot):
         ends = [end.link for other in robot.loops for end in other.ends]
         for end in loop.ends:
             hollow = end.link > 0 and end.link not in carriers and not np.any(robot.links[end.link].inertia.spatial)
-            if hollow and not loop.ball and ends.count(end.link) == 1:
+            if hollow and not loop.is_spherical and ends.count(end.link) == 1:
                 found[end.link] = loop
                 break
     return found
@@ -207,7 +207,7 @@ class _Bodies:
         loops = {}
         for loop in self.robot.loops:
             if loop not in self.cut.values():
-                closing = coincidence if loop.ball else weld
+                closing = coincidence if loop.is_spherical else weld
                 loops[loop.name] = closing(self.handle(*loop.moved), self.handle(*loop.closed_on))
         return joints, loops
 

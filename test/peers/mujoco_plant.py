@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.nodes.running import events_executor
+from robot_dynamics.nodes.processes import make_events_executor
 
 STEP = 1_000_000  # [ns] between two states
 SUBSTEPS = 4  # of MuJoCo in one of them
@@ -51,7 +51,7 @@ class Plant:
         self.names = [self.model.joint(k).name for k in range(self.model.njnt)]
         self.data.qpos[:] = HOME
         self.node = rclpy.create_node("plant")
-        self.executor = events_executor()
+        self.executor = make_events_executor()
         self.executor.add_node(self.node)
         shallow = QoSProfile(depth=1)
         self.states = self.node.create_publisher(JointState, "joint_states", shallow)

@@ -73,7 +73,7 @@ class PinocchioLoops(PinocchioModel):
 
     def _contact(self, loop):
         (link_1, place_1), (link_2, place_2) = loop.ends
-        kind = pin.ContactType.CONTACT_3D if loop.ball else pin.ContactType.CONTACT_6D
+        kind = pin.ContactType.CONTACT_3D if loop.is_spherical else pin.ContactType.CONTACT_6D
         ends = [
             (self.numbers[link], pin.SE3(T[:3, :3], T[:3, 3])) for link, T in ((link_1, place_1), (link_2, place_2))
         ]
@@ -181,7 +181,7 @@ def inertias_with_cut_links(robot):
             continue
         assert inertias[there.link].mass > 0, "half of no inertia is none"
         inertias[there.link] = scaled(inertias[there.link], 0.5)
-        inertias[cut] = inertias[there.link].seen_from(here.placement @ np.linalg.inv(there.placement))
+        inertias[cut] = inertias[there.link].transformed_by(here.placement @ np.linalg.inv(there.placement))
     return inertias
 
 

@@ -15,7 +15,7 @@ class PlatformStates(NamedTuple):
     poses: dict
     twists: dict
     accelerations: dict
-    others: tuple
+    other_joints: tuple
 
 
 def random_states(dynamics, count, rng, reach=0.3):
@@ -23,7 +23,7 @@ def random_states(dynamics, count, rng, reach=0.3):
     found = PlatformStates({}, {}, {}, ())
     for link, platform in zip(dynamics.robot.platform_links, dynamics.robot.platforms, strict=True):
         limits = [dynamics.robot.joints[number].limits for number in platform.joints]
-        begin = dynamics.closed_positions[list(platform.joints)]
+        begin = dynamics.initial_joint_positions[list(platform.joints)]
         low, high = np.array([(limit.lower, limit.upper) for limit in limits]).T
         free = np.array([name in platform.free for name in COORDINATES])
         x = rng.uniform(np.where(free, low, begin), np.where(free, high, begin), (count, 6))
@@ -32,8 +32,10 @@ def random_states(dynamics, count, rng, reach=0.3):
         along = free[[0, 1, 2, 5, 4, 3]]  # roll about x, ... yaw about z
         found.twists[link], found.accelerations[link] = rng.uniform(-1, 1, (2, count, 6)) * along
     names = dynamics.platform.other_joint_names
-    begin = dynamics.closed_positions[[dynamics.robot.joint_numbers[name] for name in names]]
-    others = rng.uniform(-1, 1, (3, count, len(names))) * [[[reach]], [[1.0]], [[1.0]]]
-    others[0] += begin
-    undriven = [name in dynamics.undriven_joint_names for name in names]
-    return found._replace(others=(others[0], others[1], np.where(undriven, np.nan, others[2])))
+    begin = dynamics.initial_joint_positions[[dynamics.robot.joint_numbers[name] for name in names]]
+    other_joints = rng.uniform(-1, 1, (3, count, len(names))) * [[[reach]], [[1.0]], [[1.0]]]
+    other_joints[0] += begin
+    unactuated = [name in dynamics.unactuated_joint_names for name in names]
+    return found._replace(
+        other_joints=(other_joints[0], other_joints[1], np.where(unactuated, np.nan, other_joints[2]))
+    )

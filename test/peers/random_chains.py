@@ -5,7 +5,7 @@ import numpy as np
 from robot_dynamics import Robot
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.robot import Frame, Link
 
 MOMENTS = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2), "ZZ": (2, 2)}
@@ -17,12 +17,14 @@ def random_chain(seed, joints=6):
     links, made, frames = [Link("base", Inertia())], [], [Frame("base", 0, np.eye(4))]
     for j in range(1, joints + 1):
         alpha = rng.choice([0.0, np.pi / 2, -np.pi / 2, rng.uniform(-3, 3)])
-        row = Row(alpha=alpha, d=rng.choice([0.0, rng.uniform(-1, 1)]), theta=rng.choice([0.0, rng.uniform(-3, 3)]),
+        row = MDHParameters(alpha=alpha, d=rng.choice([0.0, rng.uniform(-1, 1)]), theta=rng.choice([0.0, rng.uniform(-3, 3)]),
                   r=rng.uniform(-1, 1))  # fmt: skip
         J = rng.uniform(-0.2, 0.2, (3, 3))
         inertia = Inertia(rng.uniform(0.5, 5), rng.uniform(-1, 1, 3), J + J.T + np.eye(3))
         made.append(
-            Joint(f"joint_{j}", j - 1, bool(rng.random() < 0.4), placement_of(row), rotor_inertia=rng.uniform(0, 1))
+            Joint(
+                f"joint_{j}", j - 1, bool(rng.random() < 0.4), placement_from_mdh(row), rotor_inertia=rng.uniform(0, 1)
+            )
         )
         links.append(Link(f"link_{j}", inertia))
         frames.append(Frame(f"link_{j}", j, np.eye(4)))

@@ -16,8 +16,8 @@ from scipy.linalg import qr
 
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Mimic, Spring
-from robot_dynamics.model.loop import End, Loop
-from robot_dynamics.model.robot import EARTH, Frame, Link, Robot
+from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot
 
 from .link_motion import joint_displacement
 from .loop_states import closed_positions, condition_of, coupling, loop_gaps, loop_jacobian, rank_of
@@ -125,7 +125,7 @@ class _Growing:
             reach = np.eye(4)
         closed_on = np.linalg.inv(self.poses[other]) @ self.poses[tip] @ reach
         closed_on[3] = 0, 0, 0, 1
-        moved, target = End(tip, reach), End(other, closed_on)
+        moved, target = LoopEnd(tip, reach), LoopEnd(other, closed_on)
         self.loops.append(Loop(f"loop_{len(self.loops) + 1}", moved, target, kind == "ball"))
 
     def _spatial(self, link, count):
@@ -137,7 +137,7 @@ class _Growing:
 
     def robot(self, name):
         frames = tuple(Frame(link.name, number, np.eye(4)) for number, link in enumerate(self.links))
-        gravity = EARTH if self.rng.random() < 0.5 else self.rng.normal(size=3) * 6
+        gravity = EARTH_GRAVITY if self.rng.random() < 0.5 else self.rng.normal(size=3) * 6
         parts = tuple(self.links), tuple(self.joints), frames
         return Robot(name, *parts, self.moving_base, gravity, tuple(self.loops))
 

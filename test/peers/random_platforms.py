@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import End, Loop
-from robot_dynamics.model.placement import inverse, placement
-from robot_dynamics.model.platform import OWN_FRAME, Platform, coordinate_joints
+from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.placement import invert_placement, placement
+from robot_dynamics.model.platform import PLATFORM_FRAME, Platform, make_coordinate_joints
 from robot_dynamics.model.robot import Frame, Link, Robot
 
 KINDS = ("3-RPS", "3-PRS", "6-UPS", "3-UPU")
@@ -67,7 +67,7 @@ class _Growing:
         here, number = placement(frame_along(z, x), origin), len(self.links)
         sliding = kind == "P"
         moved = placement(translation=(0, 0, q)) if sliding else placement(Rotation.from_rotvec([0, 0, q]).as_matrix())
-        stands = inverse(self.poses[antecedent]) @ here @ inverse(moved)
+        stands = invert_placement(self.poses[antecedent]) @ here @ invert_placement(moved)
         self.joints.append(Joint(f"{kind}{number}", antecedent, sliding, stands, actuated=sliding, initial_position=q,
                                  rotor_inertia=0.2 * sliding))  # fmt: skip
         self.links.append((f"link{number}", _bar()))
@@ -104,27 +104,29 @@ class _Growing:
 
     def met(self, link, point):
         """A ball joint between a leg and the platform."""
-        self.ends.append((link, inverse(self.poses[link]) @ placement(translation=point),
+        self.ends.append((link, invert_placement(self.poses[link]) @ placement(translation=point),
                           placement(translation=point), True))  # fmt: skip
 
     def robot(self, name, rng):
         first = len(self.links)
         yaw, pitch, roll = Rotation.from_matrix(self.home[:3, :3]).as_euler("ZYX")
-        self.joints += coordinate_joints("platform", first, (*self.home[:3, 3], yaw, pitch, roll))
+        self.joints += make_coordinate_joints("platform", first, (*self.home[:3, 3], yaw, pitch, roll))
         self.links += [(f"platform_{place}", Inertia()) for place in range(5)]
         spread = rng.uniform(0.02, 0.06, 3)
         body = Inertia.about_centre_of_mass(
             3.0, np.diag(spread.sum() - spread), placement(translation=(0.02, 0.01, 0.03))
         )
-        self.links.append(("platform", body.seen_from(OWN_FRAME)))
+        self.links.append(("platform", body.transformed_by(PLATFORM_FRAME)))
         platform = len(self.links) - 1
         loops = []
         for number, (link, at_leg, met, ball) in enumerate(self.ends):
-            at_leg, in_platform = np.array(at_leg), inverse(self.home) @ met
+            at_leg, in_platform = np.array(at_leg), invert_placement(self.home) @ met
             if ball:
                 at_leg, in_platform = placement(translation=at_leg[:3, 3]), placement(translation=in_platform[:3, 3])
-            loops.append(Loop(f"end{number}", End(link, at_leg), End(platform, OWN_FRAME @ in_platform), ball))
-        frames = [Frame(name, number, OWN_FRAME if number == platform else np.eye(4))
+            loops.append(
+                Loop(f"end{number}", LoopEnd(link, at_leg), LoopEnd(platform, PLATFORM_FRAME @ in_platform), ball)
+            )
+        frames = [Frame(name, number, PLATFORM_FRAME if number == platform else np.eye(4))
                   for number, (name, _) in enumerate(self.links)]  # fmt: skip
         coordinates = tuple(range(first - 1, first + 5))
         return Robot(name, tuple(Link(*link) for link in self.links), tuple(self.joints), tuple(frames),

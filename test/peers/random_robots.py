@@ -87,7 +87,7 @@ def random_states(robot, joints, count, seed):
     q, qd, qdd = rng.uniform(-2, 2, (3, count, joints))
     if robot.loops:
         dynamics = Dynamics(robot, compiled=False)
-        q = dynamics.expand(reachable(dynamics, count, rng))
+        q = dynamics.expand_positions(reachable(dynamics, count, rng))
     base = None
     if robot.moving_base:
         pose = np.tile(np.eye(4), (count, 1, 1))

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.model.platform import COORDINATES
-from robot_dynamics.newton_euler.loops import loop_equations
 
 STRIDES = 6  # on the way from the positions that are known
 ITERATIONS = 6
@@ -27,8 +27,8 @@ def closed_at_poses(dynamics, poses):
     """Positions (N, all joints) with the free coordinates of the platform at poses (N, f), loops closed from the
     configuration that is known by Newton's method with steps of least length."""
     robot, (numbers, _) = dynamics.robot, free_coordinates(dynamics.robot)
-    moving = sorted(robot.looped - {*numbers})
-    q = np.tile(dynamics.closed_positions, (len(poses), 1))
+    moving = sorted(robot.joints_in_loops - {*numbers})
+    q = np.tile(dynamics.initial_joint_positions, (len(poses), 1))
     start = q[:, numbers]
     for share in np.linspace(0, 1, STRIDES)[1:]:
         q[:, numbers] = start + share * (poses - start)
@@ -48,6 +48,6 @@ def reachable(dynamics, count, rng):
         _, limits = free_coordinates(robot)
         everyone = closed_at_poses(dynamics, rng.uniform(*limits, (count, limits.shape[1])))
         for place, name in enumerate(dynamics.joint_names):
-            if robot.joint_numbers[name] in robot.looped:
+            if robot.joint_numbers[name] in robot.joints_in_loops:
                 q[:, place] = everyone[:, robot.joint_numbers[name]]
     return q

@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robot_dynamics.model.library import shipped_robots
-from robot_dynamics.model.placement import as_rotation
+from robot_dynamics.model.loading import shipped_robots
+from robot_dynamics.model.placement import to_scipy_rotation
 
 JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 MIDDLE = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.3])
@@ -132,7 +132,7 @@ def odometry(time, pose, twist):
     kinds = {name: types[f"geometry_msgs/msg/{name}"] for name in (
         "Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")}  # fmt: skip
     header = of_rosbags(message(time, (), ()), types).header
-    turned = kinds["Quaternion"](*as_rotation(pose[:3, :3]).as_quat())
+    turned = kinds["Quaternion"](*to_scipy_rotation(pose[:3, :3]).as_quat())
     placed = kinds["PoseWithCovariance"](kinds["Pose"](kinds["Point"](*pose[:3, 3]), turned), np.zeros(36))
     moved = kinds["Twist"](kinds["Vector3"](*twist[:3]), kinds["Vector3"](*twist[3:]))
     of_twist = kinds["TwistWithCovariance"](moved, np.zeros(36))

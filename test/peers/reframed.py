@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from robot_dynamics import Dynamics
-from robot_dynamics.model.placement import inverse
-from robot_dynamics.model.platform import OWN_FRAME, coordinate_joints
+from robot_dynamics.model.placement import invert_placement
+from robot_dynamics.model.platform import PLATFORM_FRAME, make_coordinate_joints
 from robot_dynamics.model.robot import Frame
-from robot_dynamics.platform import coordinates
+from robot_dynamics.parallel.platform_dynamics import coordinates_from_pose
 
 STAND = "stand"
 
@@ -22,12 +22,14 @@ def reframed(robot, stand, own, free):
     (platform,) = robot.platforms
     name, link, first = robot.links[platform.link].name, platform.link, platform.joints[0] + 1
     dynamics = Dynamics(robot, compiled=False)
-    home = inverse(stand) @ dynamics.link_pose(name, dynamics.closed_positions) @ own
+    home = invert_placement(stand) @ dynamics.link_pose(name, dynamics.initial_joint_positions) @ own
     joints, links = list(robot.joints), list(robot.links)
-    start = coordinates(home)
-    joints[first - 1 : first + 5] = coordinate_joints(name, first, start, (0, stand))
-    moved = OWN_FRAME @ inverse(own) @ inverse(OWN_FRAME)  # the old link frame in the new one
-    links[link] = replace(links[link], inertia=links[link].inertia.seen_from(moved))
+    start = coordinates_from_pose(home)
+    joints[first - 1 : first + 5] = make_coordinate_joints(name, first, start, (0, stand))
+    moved = (
+        PLATFORM_FRAME @ invert_placement(own) @ invert_placement(PLATFORM_FRAME)
+    )  # the old link frame in the new one
+    links[link] = replace(links[link], inertia=links[link].inertia.transformed_by(moved))
     for number, joint in enumerate(joints):
         if joint.antecedent == link:
             joints[number] = replace(joint, placement=moved @ joint.placement)
@@ -37,18 +39,18 @@ def reframed(robot, stand, own, free):
 
     frames = [replace(frame, placement=moved @ frame.placement) if frame.link == link else frame
               for frame in robot.frames if frame.name != name]  # fmt: skip
-    frames += [Frame(name, link, OWN_FRAME), Frame(STAND, 0, stand)]
-    positions = dict(zip((joint.name for joint in robot.joints), dynamics.closed_positions, strict=True))
+    frames += [Frame(name, link, PLATFORM_FRAME), Frame(STAND, 0, stand)]
+    positions = dict(zip((joint.name for joint in robot.joints), dynamics.initial_joint_positions, strict=True))
     joints = [replace(joint, initial_position=float(positions.get(joint.name, joint.initial_position)))
               if not first - 1 <= number < first + 5 else joint for number, joint in enumerate(joints)]  # fmt: skip
     return replace(robot, links=tuple(links), joints=tuple(joints), frames=tuple(frames),
-                   loops=tuple(loop.placed(ends) for loop in robot.loops),
+                   loops=tuple(loop.with_placements(ends) for loop in robot.loops),
                    platforms=(replace(platform, free=free, base=STAND),))  # fmt: skip
 
 
 def pose_between(pose, stand, own):
     """(..., 4, 4) of the new robot's platform, for poses of the old one's."""
-    return inverse(stand) @ pose @ own
+    return invert_placement(stand) @ pose @ own
 
 
 def screw_of(screws, own):

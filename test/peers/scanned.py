@@ -15,12 +15,12 @@ MOST = 60  # positions on the line of a single motor
 def positions_of_platforms(dynamics, samples, rng):
     """Positions (N, all joints) at random poses of the platforms, joints that are in no loop anywhere within ±1."""
     numbers, (lower, upper) = free_coordinates(dynamics.robot)
-    home = dynamics.closed_positions[numbers]
+    home = dynamics.initial_joint_positions[numbers]
     size = np.where([dynamics.robot.joints[number].prismatic for number in numbers],
                     0.15 * dynamics.robot.characteristic_length, 0.4)  # fmt: skip
     poses = rng.uniform(np.maximum(lower, home - size), np.minimum(upper, home + size), (2 * samples, len(numbers)))
     q = closed_at_poses(dynamics, poses)
-    beside = [number for number in range(q.shape[1]) if number not in dynamics.robot.looped]
+    beside = [number for number in range(q.shape[1]) if number not in dynamics.robot.joints_in_loops]
     q[:, beside] += rng.uniform(-1, 1, (len(q), len(beside)))
     closed = [k for k in range(len(q)) if np.abs(loop_gaps(dynamics.robot, q[k])).max() < 1e-11]
     return q[closed[:samples]]
@@ -30,7 +30,7 @@ def scanned_positions(dynamics, samples, rng):
     """Positions (N, all joints), N >= samples, on straight lines of the independent joints from the initial positions
     as far as limits let them and loops close."""
     joints = [dynamics.robot.joints[dynamics.robot.joint_numbers[name]] for name in dynamics.joint_names]
-    home = dynamics.closed_positions
+    home = dynamics.initial_joint_positions
     start = np.array([home[dynamics.robot.joint_numbers[name]] for name in dynamics.joint_names])
     lower, upper = (np.array([getattr(joint.limits, side) for joint in joints]) for side in ("lower", "upper"))
     lower = np.where(np.isfinite(lower), lower, start - REACH)
@@ -49,14 +49,14 @@ def scanned_positions(dynamics, samples, rng):
 def _followed(dynamics, line):
     """Positions (N, all joints) along a line (M, n), up to where the loops do not close any more."""
     if not dynamics.robot.loops:
-        return dynamics.expand(line)
+        return dynamics.expand_positions(line)
     numbers = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
-    found = [dynamics.closed_positions]
+    found = [dynamics.initial_joint_positions]
     for motors in line:
         ahead = np.full(len(found[-1]), np.nan)
         ahead[numbers] = motors
         try:
-            found.append(dynamics.follow(np.stack([found[-1], ahead]))[1])
+            found.append(dynamics.expand_trajectory(np.stack([found[-1], ahead]))[1])
         except SingularModelError:
             break
     return np.array(found)

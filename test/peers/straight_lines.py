@@ -5,8 +5,8 @@ import math
 import numpy as np
 from hypothesis import strategies as st
 
-from robot_dynamics.symbolic.program import program_of
-from robot_dynamics.symbolic.scalar import Trace
+from robot_dynamics.codegen.trace.program import build_program
+from robot_dynamics.codegen.trace.scalar import Trace
 
 SPECIAL = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e308, -1e308, math.inf, -math.inf, math.nan]
 NUMBERS = st.one_of(st.sampled_from(SPECIAL), st.floats(-10, 10))
@@ -54,4 +54,4 @@ def programs(draw):
             continue
         pool.append(made)
     outputs = {"y": np.array(pool[-4:]).reshape(2, 2), "z": pool[len(pool) // 2]}
-    return program_of(trace, "random", {"x": 3, "s_x": 2}, outputs)
+    return build_program(trace, "random", {"x": 3, "s_x": 2}, outputs)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from robot_dynamics import Base, DescriptionError, Dynamics, QuestionError, load_robot
+from robot_dynamics import Base, DescriptionError, Dynamics, InvalidInputError, load_robot
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Ground, Simulation
-from robot_dynamics.simulation.plant import Frames
+from robot_dynamics.simulation.plant import FrameKinematics
 
 MASS, HALF, HEIGHT = 2.0, 0.15, 0.05  # [kg], [m]: a flat box, so that it does not tip
 CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -90,7 +90,7 @@ def test_points_on_links_are_where_joints_put_them_and_move_as_joints_move_them(
     dynamics = Dynamics(load_robot("free_flying_arm"))
     names, rng = ("arm_tool0", "arm_forearm_link", dynamics.robot.base_link), np.random.default_rng(5)
     q, rates, h = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, 12), 1e-6
-    rotations, positions, velocities = Frames(dynamics, names)(q, rates)
+    rotations, positions, velocities = FrameKinematics(dynamics, names)(q, rates)
     for k, name in enumerate(names):
         pose = dynamics.link_pose(name, q, base=Base())
         np.testing.assert_allclose(rotations[k], pose[:3, :3], atol=1e-14)
@@ -119,7 +119,7 @@ def test_grounds_that_cannot_be_are_refused():
     ):
         with pytest.raises(DescriptionError, match=message):
             Ground(("box",), **settings)
-    with pytest.raises(QuestionError, match="unknown link 'rear'"):
+    with pytest.raises(InvalidInputError, match="unknown link 'rear'"):
         Simulation(load_robot(box(), moving_base=True), ground=Ground(("rear",)))
 
 

@@ -12,11 +12,11 @@ from peers.planar_lagrange import JointProperties, PlanarBody, random_body, rand
 from peers.reframed import reframed
 
 from robot_dynamics import Dynamics, load_robot
+from robot_dynamics.constraints.attitude_charts import axis_rotation
+from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.model.library import shipped_robots
+from robot_dynamics.model.loading import shipped_robots
 from robot_dynamics.model.platform import COORDINATES
-from robot_dynamics.newton_euler.attitude import about
-from robot_dynamics.newton_euler.loops import loop_equations
 from robot_dynamics.simulation import Simulation
 
 SECONDS = float(os.environ.get("SIMULATED_SECONDS", "2"))
@@ -227,7 +227,7 @@ def test_a_platform_tumbles_through_pitch_90_degrees():
     robot = replace(frictionless("gough_stewart"), gravity=np.zeros(3))
     simulation = Simulation(robot)
     platform, dynamics = list(robot.platforms[0].joints), simulation.dynamics
-    G = dynamics.expand_rates(np.eye(6), dynamics.closed_positions).T
+    G = dynamics.expand_velocities(np.eye(6), dynamics.initial_joint_positions).T
     simulation.start(velocities=np.linalg.solve(G[platform], [0, 0, 0.2, 0, 6.0, 0.6]))  # x, y, z, yaw, pitch, roll
     steepest = []
     keeps_energy(simulation, 0.7, lambda state: steepest.append(abs(state.joint_positions[platform[4]])))
@@ -239,7 +239,7 @@ def test_a_platform_tumbles_through_pitch_90_degrees():
 def test_a_platform_that_begins_at_pitch_90_degrees_moves_as_seen_from_another_frame():
     robot = replace(frictionless("gough_stewart"), gravity=np.zeros(3))
     turned = np.eye(4)
-    turned[:3, :3] = about(1, np.pi / 2)
+    turned[:3, :3] = axis_rotation(1, np.pi / 2)
     steep = reframed(robot, np.eye(4), turned, COORDINATES)
     velocities = np.array([0.3, -0.2, 0.1, 0.4, -0.3, 0.2])
     both = [Simulation(each) for each in (robot, steep)]

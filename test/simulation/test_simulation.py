@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from peers.flying_arm import TWIST, VELOCITIES
 
-from robot_dynamics import Base, QuestionError, RobotDynamicsError, load_robot
+from robot_dynamics import Base, InvalidInputError, RobotDynamicsError, load_robot
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Simulation
 
@@ -42,7 +42,7 @@ def test_another_simulation_goes_on_from_where_one_is():
     one.start(velocities=VELOCITIES, base=Base(twist=TWIST))
     was = one.advance(50, efforts=EFFORTS)
     begins = other.state
-    other.go_on(one)
+    other.continue_from(one)
     assert other.state.time == 0 and one.state is was
     np.testing.assert_array_equal(other.state.rates, was.rates)
     one.advance(50, efforts=EFFORTS)
@@ -51,8 +51,8 @@ def test_another_simulation_goes_on_from_where_one_is():
     np.testing.assert_allclose(other.state.pose, one.state.pose, atol=1e-9)
     other.reset()
     assert_same(other.state, begins)
-    with pytest.raises(QuestionError, match="on a free base is none of"):
-        Simulation(load_robot("ur5e")).go_on(one)
+    with pytest.raises(InvalidInputError, match="on a free base is none of"):
+        Simulation(load_robot("ur5e")).continue_from(one)
 
 
 def test_a_wrench_on_a_link_is_that_of_the_direct_model():
@@ -104,7 +104,7 @@ def test_what_does_not_fit_is_refused(do, message):
     simulation = Simulation(load_robot("ur5e"))
     with pytest.raises(RobotDynamicsError, match=message) as refused:
         do(simulation)
-    assert isinstance(refused.value, QuestionError)
+    assert isinstance(refused.value, InvalidInputError)
     assert simulation.state.steps == 0
 
 
@@ -117,6 +117,6 @@ def test_states_cannot_be_written_into():
 @pytest.mark.parametrize("steps", [1.5, -5, "3", None, np.nan])
 def test_steps_that_are_no_number_of_steps_are_refused(steps):
     simulation = Simulation(load_robot("free_flying_arm"))
-    with pytest.raises(QuestionError, match=r"advance by .* steps: a whole number is needed.*a step is 0.001 s"):
+    with pytest.raises(InvalidInputError, match=r"advance by .* steps: a whole number is needed.*a step is 0.001 s"):
         simulation.advance(steps)
     assert simulation.advance(0).steps == 0 and simulation.advance(np.int64(2)).steps == 2

@@ -6,7 +6,7 @@ from peers.real_robots import ROBOTS
 from peers.wheeled_robots import DifferentialDrive, mecanum, tricycle
 from scipy.integrate import solve_ivp
 
-from robot_dynamics import Base, DescriptionError, QuestionError, load_robot
+from robot_dynamics import Base, DescriptionError, InvalidInputError, load_robot
 from robot_dynamics.simulation import Simulation, Wheel
 
 PAIR = (Wheel("left", 0.1), Wheel("right", 0.1))
@@ -143,11 +143,11 @@ def test_wheels_that_do_not_fit_are_refused(wheels, message):
 def test_impossible_wheels_and_bases_are_refused():
     with pytest.raises(DescriptionError, match="radius is -1"):
         Wheel("left", -1)
-    with pytest.raises(QuestionError, match="axle points out"):
+    with pytest.raises(InvalidInputError, match="axle points out"):
         Simulation(load_robot("ur5e"), wheels=[Wheel("shoulder_pan_joint", 0.1)])
-    with pytest.raises(QuestionError, match="not a free one"):
+    with pytest.raises(InvalidInputError, match="not a free one"):
         Simulation(load_robot(DifferentialDrive.urdf), base="free", wheels=PAIR)
-    with pytest.raises(QuestionError, match="fixed, free, planar"):
+    with pytest.raises(InvalidInputError, match="fixed, free, planar"):
         Simulation(load_robot("ur5e"), base="flying")
-    with pytest.raises(QuestionError, match="this one is fixed"):
+    with pytest.raises(InvalidInputError, match="this one is fixed"):
         Simulation(load_robot("ur5e")).advance(drive=np.zeros(6))

@@ -7,9 +7,9 @@ from functools import cache
 from lark import Lark, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedToken, VisitError
 
-from robot_dynamics.errors import DescriptionError, unknown_name
+from robot_dynamics.errors import DescriptionError, describe_unknown_name
 
-LONGEST = 1000  # characters; an entry of a table has ten
+MAX_EXPRESSION_LENGTH = 1000  # characters; an entry of a table has ten
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS = {
     "abs": (math.fabs, 1),
@@ -61,7 +61,7 @@ class _Evaluator(Transformer):
 
     def call(self, token, values):
         if token not in FUNCTIONS:
-            raise _Refused(unknown_name("function", token, FUNCTIONS) + _hint(token))
+            raise _Refused(describe_unknown_name("function", token, FUNCTIONS) + _hint(token))
         function, count = FUNCTIONS[token]
         if len(values) != count:
             raise _Refused(f"{token} takes {count} argument{'s'[: count - 1]}, not {len(values)}")
@@ -94,12 +94,12 @@ def evaluate(value, names=None):
             return names[name]
         if name in CONSTANTS:
             return CONSTANTS[name]
-        raise _Refused(unknown_name("name", name, [*names, *CONSTANTS]))
+        raise _Refused(describe_unknown_name("name", name, [*names, *CONSTANTS]))
 
     return _finite(_parsed(value, lookup), value)
 
 
-def number_text(number):
+def format_number(number):
     """The text of a number that `evaluate` gives back, whole numbers without a point. Raises DescriptionError.
 
     Exactly, but where rounding alone made a long number of a short one: 0.10350000000000001 is written 0.1035.
@@ -116,26 +116,26 @@ def number_text(number):
     return str(int(number)) if number == int(number) and abs(number) < 1e15 else repr(number)
 
 
-def angle_text(angle):
+def format_angle(angle):
     """As `number_text`, with pi where the angle is a multiple of π/12, to the last digit."""
     try:
         parts = round(float(angle) / math.pi * 12) if abs(angle) < 1e6 else 1
     except TypeError:
-        return number_text(angle)
+        return format_number(angle)
     for divisor in (1, 2, 3, 4, 6, 12):
         factor, rest = divmod(parts * divisor, 12)
         if rest == 0 and factor != 0:
             text = f"{'-' if factor < 0 else ''}{'' if abs(factor) == 1 else f'{abs(factor)}*'}pi"
             text += "" if divisor == 1 else f"/{divisor}"
-            return text if evaluate(text) == angle else number_text(angle)
-    return number_text(angle)
+            return text if evaluate(text) == angle else format_number(angle)
+    return format_number(angle)
 
 
 def _parsed(text, lookup):
     if not isinstance(text, str):
         raise DescriptionError(f"{text!r:.60} is no number: a number or an expression such as pi/2 is needed")
-    if len(text) > LONGEST:
-        raise DescriptionError(f"expression has {len(text)} characters: {LONGEST} at most are read")
+    if len(text) > MAX_EXPRESSION_LENGTH:
+        raise DescriptionError(f"expression has {len(text)} characters: {MAX_EXPRESSION_LENGTH} at most are read")
     _LOOKUP.set(lookup)
     try:
         return _parser().parse(text)

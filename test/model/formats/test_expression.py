@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from robot_dynamics import DescriptionError
-from robot_dynamics.model.formats.expression import angle_text, evaluate, number_text
+from robot_dynamics.model.formats.expression import evaluate, format_angle, format_number
 
 # what Python makes of the same texts, ^ written as **
 SAME_IN_PYTHON = ["1 + 2*3", "-2**2", "2**-1", "2**3**2", "8/4/2", "7 - 3 - 2", "-(1 + 2)*-3", "+.5e1", "1e-3", "2*-3"]
@@ -87,14 +87,16 @@ def test_any_text_is_a_number_or_is_refused(text):
 @given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e299, min_value=-1e299))
 def test_numbers_are_written_so_that_they_are_read_back(number):
     """To the last digit, but for the noise behind a short number."""
-    for text in (number_text(number), angle_text(number)):
+    for text in (format_number(number), format_angle(number)):
         noise = 2 * math.ulp(number) if len(text) < 12 else 0
         assert abs(evaluate(text) - number) <= noise
-    assert number_text(0.1 + 0.2) == "0.3" and number_text(1 / 3) == repr(1 / 3)
+    assert format_number(0.1 + 0.2) == "0.3" and format_number(1 / 3) == repr(1 / 3)
 
 
 @given(st.integers(-48, 48))
 def test_multiples_of_15_degrees_are_written_with_pi(parts):
     angle = parts * (math.pi / 12)
-    assert abs(evaluate(angle_text(angle)) - angle) <= math.ulp(angle)
-    assert angle_text(math.pi / 2) == "pi/2" and angle_text(-3 * math.pi / 4) == "-3*pi/4" and angle_text(0.0) == "0"
+    assert abs(evaluate(format_angle(angle)) - angle) <= math.ulp(angle)
+    assert (
+        format_angle(math.pi / 2) == "pi/2" and format_angle(-3 * math.pi / 4) == "-3*pi/4" and format_angle(0.0) == "0"
+    )

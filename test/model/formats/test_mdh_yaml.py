@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import DescriptionError, Dynamics, load_robot
-from robot_dynamics.model.formats.mdh_yaml import SCHEMA, read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.reader import SCHEMA, read_mdh_yaml
 
 PENDULUM = """\
 robot: pendulum

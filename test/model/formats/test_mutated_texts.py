@@ -9,7 +9,7 @@ import time
 import pytest
 
 from robot_dynamics import RobotDynamicsError, load_robot
-from robot_dynamics.model.library import read_robot
+from robot_dynamics.model.loading import read_robot
 
 MUTATIONS = int(os.environ.get("MUTATIONS", "1500"))  # of each format
 LONGEST = 10  # seconds for one text

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_dynamics import DescriptionError, Dynamics
-from robot_dynamics.model.formats.par import read_par
+from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.joint import Spring
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "data" / "par"

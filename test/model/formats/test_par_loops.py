@@ -13,12 +13,12 @@ from peers.described_robots import robots
 
 from robot_dynamics import DescriptionError, Spring
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.par import read_par
-from robot_dynamics.model.formats.par_writer import losses, write_par
+from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.formats.par.reader import read_par
+from robot_dynamics.model.formats.par.writer import find_losses, write_par
 from robot_dynamics.model.joint import Limits
-from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "data" / "par"
 
@@ -48,7 +48,7 @@ def placements(robot, positions):
     placed = [np.eye(4)]
     for joint in robot.joints:
         variable = {"r" if joint.prismatic else "theta": positions[joint.name]}
-        placed.append(placed[joint.antecedent] @ joint.placement @ placement_of(Row(**variable)))
+        placed.append(placed[joint.antecedent] @ joint.placement @ placement_from_mdh(MDHParameters(**variable)))
     return placed
 
 
@@ -115,7 +115,9 @@ def test_frame_that_closes_a_loop_may_hang_on_that_of_another():
     robot = sample("TwoLoops", d12=0.3, g12=0.4, d3=0.5, d4=0.6, d7=0.2)
     first, second = robot.loops
     np.testing.assert_array_equal(first.closed_on.placement, second.closed_on.placement)  # row 12 is at row 11
-    np.testing.assert_allclose(first.closed_on.placement, placement_of(Row(gamma=0.4 + math.pi / 2, d=0.2)), atol=1e-15)
+    np.testing.assert_allclose(
+        first.closed_on.placement, placement_from_mdh(MDHParameters(gamma=0.4 + math.pi / 2, d=0.2)), atol=1e-15
+    )
 
 
 def test_rows_beyond_those_of_the_links_are_loops():
@@ -126,8 +128,10 @@ def test_rows_beyond_those_of_the_links_are_loops():
         *("actuated", "passive", "actuated", "passive", "elastic", "passive")
     ]
     assert robot.joints[4].spring == Spring(30) and robot.joints[5].prismatic
-    np.testing.assert_allclose(robot.loops[1].moved.placement, placement_of(Row(alpha=math.pi / 3)), atol=1e-15)
-    np.testing.assert_allclose(robot.loops[2].closed_on.placement, placement_of(Row(d=0.6)), atol=1e-15)
+    np.testing.assert_allclose(
+        robot.loops[1].moved.placement, placement_from_mdh(MDHParameters(alpha=math.pi / 3)), atol=1e-15
+    )
+    np.testing.assert_allclose(robot.loops[2].closed_on.placement, placement_from_mdh(MDHParameters(d=0.6)), atol=1e-15)
     assert robot.frame("frame_10").link == 2 and robot.frame("link_7").link == 6
     passive = read_par(LOOPS.replace("mu = {1,0,1", "mu = {0,0,0"), values={"d": 0.5})  # nothing drives it: it is said
     assert {joint.role for joint in passive.joints} == {"passive", "elastic"}
@@ -221,14 +225,14 @@ def sayable(robot):
         spring = None if driven or joint.spring is None else Spring(joint.spring.stiffness)
         changes = {"mimic": None, "actuated": driven, "spring": spring, "limits": Limits(), "initial_position": 0.0}
         joints.append(replace(joint, **changes))
-    return replace(robot, joints=tuple(joints), loops=tuple(loop for loop in robot.loops if not loop.ball))
+    return replace(robot, joints=tuple(joints), loops=tuple(loop for loop in robot.loops if not loop.is_spherical))
 
 
 @settings(deadline=None, max_examples=200)
 @given(robots(st.from_regex("[a-z]{1,3}", fullmatch=True)))
 def test_any_robot_with_loops_survives_write_and_read(robot):
     robot = sayable(robot)
-    assume(not losses(robot))
+    assume(not find_losses(robot))
     same(read_par(write_par(robot)), robot)
 
 
@@ -261,14 +265,14 @@ def test_cut_joint_with_friction_is_written_as_a_joint_of_the_tree_and_its_loop_
     *joints, last = robot.joints
     robot = replace(robot, joints=(*joints, replace(last, viscous_friction=0.5)))
     text = write_par(robot)
-    assert "\nNL = 6\nNJ = 9\nNF = 12\n" in text and not losses(robot)
+    assert "\nNL = 6\nNJ = 9\nNF = 12\n" in text and not find_losses(robot)
     same(read_par(text), robot)
 
 
 def test_loop_cut_at_a_ball_joint_is_told_as_lost():
     robot = read_par(LOOPS, values={"d": 0.5})
     first, *others = robot.loops
-    robot = replace(robot, loops=(first, *(replace(loop, ball=True) for loop in others)))
+    robot = replace(robot, loops=(first, *(replace(loop, is_spherical=True) for loop in others)))
     with pytest.raises(
         DescriptionError, match="'loop_6' is cut at a ball joint; loop 'joint_7' is cut at a ball joint"
     ):

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from peers.random_robots import random_states, random_urdf
 
 from robot_dynamics import DescriptionError, Dynamics
-from robot_dynamics.model.formats.par import read_par
-from robot_dynamics.model.formats.par_writer import write_par
-from robot_dynamics.model.formats.urdf import read_urdf
+from robot_dynamics.model.formats.par.reader import read_par
+from robot_dynamics.model.formats.par.writer import write_par
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
-from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.robot import Frame, Link, Robot
 
@@ -65,15 +65,18 @@ def test_a_robot_written_and_read_back_has_the_same_dynamics(seed, frames, movin
 
 def small_robot(joint=None, name="robot", tool="tool", placement=None, second=None):
     """Two joints: `joint` and a prismatic one."""
-    joint = joint or Joint("j1", 0, False, placement_of(Row(theta=math.pi / 3)))
-    second = second or Joint("j2", 1, True, placement_of(Row(alpha=1e-4, d=0.3, r=-0.1)))
-    frames = [Frame("base", 0, np.eye(4)), Frame("l1", 1, placement_of(Row(0.1, 0.2, 0.3, 0.4, 0.5, 0.6)))]
+    joint = joint or Joint("j1", 0, False, placement_from_mdh(MDHParameters(theta=math.pi / 3)))
+    second = second or Joint("j2", 1, True, placement_from_mdh(MDHParameters(alpha=1e-4, d=0.3, r=-0.1)))
+    frames = [
+        Frame("base", 0, np.eye(4)),
+        Frame("l1", 1, placement_from_mdh(MDHParameters(0.1, 0.2, 0.3, 0.4, 0.5, 0.6))),
+    ]
     frames += [Frame("l2", 2, np.eye(4)), Frame(tool, 2, np.eye(4) if placement is None else placement)]
     links = tuple(Link(link, Inertia(1.0, (0.1, 0, 0), np.eye(3))) for link in ("base", "l1", "l2"))
     return Robot(name, links, (joint, second), tuple(frames))
 
 
-@pytest.mark.parametrize("placement", [None, placement_of(Row(alpha=-1e-5, theta=0.2, r=0.3))])
+@pytest.mark.parametrize("placement", [None, placement_from_mdh(MDHParameters(alpha=-1e-5, theta=0.2, r=0.3))])
 def test_named_frames_stay_where_they_are(placement):
     robot = small_robot(placement=placement)
     text = write_par(robot)
@@ -82,7 +85,9 @@ def test_named_frames_stay_where_they_are(placement):
 
 
 def test_joint_variables_are_written_with_their_constants():
-    second = Joint("j2", 1, True, placement_of(Row(alpha=math.pi / 2, d=0.3, theta=-5 * math.pi / 12, r=-0.125)))
+    second = Joint(
+        "j2", 1, True, placement_from_mdh(MDHParameters(alpha=math.pi / 2, d=0.3, theta=-5 * math.pi / 12, r=-0.125))
+    )
     text = write_par(small_robot(second=second))
     assert "\ntheta = {th1 + pi/3,-5*pi/12," in text and "\nr = {0,r2 - 0.125," in text
     assert "\nalpha = {0,pi/2," in text and "\nsigma = {0,1,2}" in text
@@ -99,7 +104,7 @@ def test_roles_are_written():
 @settings(max_examples=200, deadline=None)
 def test_a_name_is_read_back_or_refused(tool, name):
     try:
-        text = write_par(small_robot(name=name, tool=tool, placement=placement_of(Row(d=1))))
+        text = write_par(small_robot(name=name, tool=tool, placement=placement_from_mdh(MDHParameters(d=1))))
     except DescriptionError as error:
         assert "cannot stand in a comment" in str(error) or "more than once" in str(error)
     else:
@@ -135,9 +140,11 @@ def test_passive_joints_alone_are_refused():
 
 
 def test_a_chain_of_two_thousand_rows_is_read_back():
-    joints = [Joint(f"j{k}", k, False, placement_of(Row(0, 0, 0.1, 0.1, k / 7, 0.3))) for k in range(2000)]
+    joints = [
+        Joint(f"j{k}", k, False, placement_from_mdh(MDHParameters(0, 0, 0.1, 0.1, k / 7, 0.3))) for k in range(2000)
+    ]
     links = [Link(f"l{k}", Inertia(1 / 3, (0.1, 0.2, 0.3), np.eye(3) / 7)) for k in range(2001)]
     robot = Robot("snake", tuple(links), tuple(joints), tuple(Frame(f"l{k}", k, np.eye(4)) for k in range(2001)))
     same(robot, read_par(write_par(robot)))
     with pytest.raises(DescriptionError, match="more than 2000"):
-        write_par(replace(robot, frames=(*robot.frames, Frame("tool", 5, placement_of(Row(d=1))))))
+        write_par(replace(robot, frames=(*robot.frames, Frame("tool", 5, placement_from_mdh(MDHParameters(d=1))))))

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from peers.real_robots import real_urdf
 
 from robot_dynamics import DescriptionError, RobotDynamicsError, load_robot
-from robot_dynamics.model.formats.urdf import read_urdf
-from robot_dynamics.model.formats.urdf_document import LARGEST_DESCRIPTION
+from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
+from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 JOINT = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/></joint>'
@@ -207,7 +207,7 @@ def test_what_is_neither_link_nor_joint_is_left_out_with_a_warning(case, caplog)
 def test_the_command_shows_what_was_left_out(tmp_path):
     path = tmp_path / "left.urdf"
     path.write_text(LEFT_OVER["call of a macro of sensors"][0])
-    told = subprocess.run([sys.executable, "-m", "robot_dynamics.commands.main", "show", path], capture_output=True,
+    told = subprocess.run([sys.executable, "-m", "robot_dynamics.cli.main", "show", path], capture_output=True,
                           text=True, timeout=60)  # fmt: skip
     assert told.returncode == 0 and told.stderr.count("WARNING") == 2 and "line 7: <xacro:camera>" in told.stderr
 
@@ -218,7 +218,7 @@ def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
     path.write_text(text)
     started = time.perf_counter()
     for description in (text, text.encode(), path, str(path)):
-        with pytest.raises(DescriptionError, match=str(LARGEST_DESCRIPTION)):
+        with pytest.raises(DescriptionError, match=str(MAX_DESCRIPTION_LENGTH)):
             load_robot(description)
     assert time.perf_counter() - started < 5  # a parser would take far longer: this is no measure of speed
 

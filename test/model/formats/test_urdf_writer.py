@@ -17,10 +17,10 @@ from peers.real_robots import real_urdf
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import DescriptionError, Dynamics, Inertia
-from robot_dynamics.model.formats.urdf import read_urdf
-from robot_dynamics.model.formats.urdf_writer import UNLIMITED, write_urdf
+from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.formats.urdf.writer import UNLIMITED, write_urdf
 from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
-from robot_dynamics.model.loop import End, Loop
+from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.placement import placement, roll_pitch_yaw
 from robot_dynamics.model.robot import Frame, Link, Robot
@@ -206,7 +206,7 @@ def test_mimic_and_friction_read_back():
     robot = random_robot(0, joints=3, antecedents=[0, 1, 2])
     follower = replace(robot.joints[0], mimic=Mimic("j3", -0.1, 1 / 3), viscous_friction=0.1, coulomb_friction=0.0)
     robot = replace(robot, joints=(follower, *robot.joints[1:]))
-    assert check_reads_back(robot).leaders[0] == (2, -0.1, 1 / 3)
+    assert check_reads_back(robot).mimic_relations[0] == (2, -0.1, 1 / 3)
     assert '<dynamics damping="0.1"/>' in write_urdf(robot)
 
 
@@ -279,7 +279,7 @@ def test_loop_is_told_as_lost_and_the_link_without_mass_at_its_cut_stays():
         links=(*robot.links, Link("cut_link", Inertia())),
         joints=(*robot.joints, cut),
         frames=(*robot.frames, Frame("cut_link", 2, np.eye(4))),
-        loops=(Loop("cut", End(2, np.eye(4)), End(0, np.eye(4))),),
+        loops=(Loop("cut", LoopEnd(2, np.eye(4)), LoopEnd(0, np.eye(4))),),
     )
     told = "joint 'cut': that no motor drives it, initial position 0.5 rad; loop 'cut', which closes link 'cut_link' on"
     with pytest.raises(DescriptionError, match=f"URDF cannot say {told} link 'base'"):
@@ -355,7 +355,7 @@ def test_any_rotation_and_any_body_read_back(angles, mass, length, seed):
     np.testing.assert_allclose(found.frame("tip").placement, own, rtol=0, atol=1e-14 * max(1, length))
     on_axis = read_urdf(write_urdf(one_joint(own=placement(own[:3, :3], (0, 0, own[2, 3])), body=body)))
     turn = on_axis.frame("tip").placement[:3, :3] @ own[:3, :3].T  # frame j as read is turned about z_j
-    for robot, expected in ((found, body), (on_axis, body.seen_from(placement(turn, (0, 0, -own[2, 3]))))):
+    for robot, expected in ((found, body), (on_axis, body.transformed_by(placement(turn, (0, 0, -own[2, 3]))))):
         read = robot.links[1].inertia
         assert read.mass == mass and relative_error(read.first_moments, expected.first_moments) < TOLERANCE
         assert relative_error(read.second_moments, expected.second_moments) < TOLERANCE

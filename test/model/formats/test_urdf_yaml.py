@@ -8,11 +8,11 @@ import pytest
 
 from robot_dynamics import DescriptionError, Spring, load_robot
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.urdf import read_urdf
-from robot_dynamics.model.formats.urdf_writer import write_urdf
-from robot_dynamics.model.library import read_robot
+from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.formats.urdf.writer import write_urdf
+from robot_dynamics.model.loading import read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robot_dynamics import DescriptionError, Dynamics, Inertia, load_robot
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.urdf_writer import write_urdf
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.formats.urdf.writer import write_urdf
 from robot_dynamics.model.minimal_frames import minimal_frames
 
 ARM = """

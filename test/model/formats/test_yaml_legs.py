@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from robot_dynamics import DescriptionError, Dynamics
-from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.par_writer import losses as par_losses
-from robot_dynamics.model.formats.urdf_writer import losses as urdf_losses
+from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.formats.par.writer import find_losses as par_losses
+from robot_dynamics.model.formats.urdf.writer import find_losses as urdf_losses
 from robot_dynamics.model.joint import Limits
-from robot_dynamics.model.mdh import Row, placement_of
-from robot_dynamics.model.minimal_frames import minimal_frames, snapped
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
+from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 from robot_dynamics.model.platform import COORDINATES, Platform
 
@@ -76,17 +76,21 @@ def test_each_copy_is_a_branch_of_its_own_with_a_suffix_to_its_names():
     assert carriers["slide_a"] == "rail" and carriers["ankle_left"] == "shin_left" and carriers["peg_a"] == "rod_a"
     assert robot.joints[robot.joint_numbers["geared_left"]].mimic.joint == "hip_left"
     assert [loop.name for loop in robot.loops] == ["ankle_1", "ankle_left", "pin_a", "peg_a"]
-    assert [loop.ball for loop in robot.loops] == [False, False, True, False]
+    assert [loop.is_spherical for loop in robot.loops] == [False, False, True, False]
     assert {"toe_1", "toe_left", "tool", "tip"} <= robot.frames_by_name.keys() and "foot_1" not in robot.frames_by_name
 
 
 def test_base_and_platform_of_a_copy_place_its_ends():
     robot = read_mdh_yaml(PLANAR)
     hip = robot.joints[robot.joint_numbers["hip_left"]]
-    np.testing.assert_allclose(hip.placement, placement_of(Row(theta=math.pi / 2)) + _moved(-0.5), atol=1e-15)
+    np.testing.assert_allclose(
+        hip.placement, placement_from_mdh(MDHParameters(theta=math.pi / 2)) + _moved(-0.5), atol=1e-15
+    )
     plate = robot.frame("plate").placement
     ankle, peg = (next(loop for loop in robot.loops if loop.name == name) for name in ("ankle_left", "peg_a"))
-    np.testing.assert_allclose(ankle.closed_on.placement, plate @ placement_of(Row(gamma=math.pi, d=0.2)), atol=1e-15)
+    np.testing.assert_allclose(
+        ankle.closed_on.placement, plate @ placement_from_mdh(MDHParameters(gamma=math.pi, d=0.2)), atol=1e-15
+    )
     np.testing.assert_allclose(peg.closed_on.placement, plate @ placement(translation=[0, 0.1, 0]), atol=1e-15)
     knee, cut = (robot.joints[robot.joint_numbers[name]] for name in ("ankle_left", "peg_a"))
     np.testing.assert_allclose(knee.placement, placement(translation=[0.5, 0, 0]), atol=1e-15)
@@ -115,14 +119,14 @@ def test_platform_is_described_in_its_own_frame_which_its_coordinates_place():
     assert [joint.initial_position for joint in robot.joints[:6]] == pytest.approx([0.1, 0.9, 0, 0.2, 0, 0])
     assert robot.joints[0].limits == Limits(-0.1, 0.5) and robot.joints[1].limits == Limits()
     own = np.linalg.inv(robot.frame("plate").placement)
-    body = robot.links[6].inertia.seen_from(own)
+    body = robot.links[6].inertia.transformed_by(own)
     np.testing.assert_allclose([body.mass, *body.first_moments], [2, 0.02, 0, 0], atol=1e-15)
     np.testing.assert_allclose(np.diagonal(body.second_moments), [0.05, 0.0502, 0.1002], atol=1e-15)
     tool = own @ robot.frame("tool").placement
     np.testing.assert_allclose(tool, placement(translation=[0, 0, 0.3]), atol=1e-15)
 
 
-@pytest.mark.parametrize("change", [lambda robot: robot, minimal_frames, lambda robot: snapped(robot, 1e-3)])
+@pytest.mark.parametrize("change", [lambda robot: robot, minimal_frames, lambda robot: snap_angles(robot, 1e-3)])
 def test_robot_is_the_same_when_written_and_read(change):
     robot = change(read_mdh_yaml(PLANAR))
     again = read_mdh_yaml(write_mdh_yaml(robot))
@@ -133,7 +137,9 @@ def test_robot_is_the_same_when_written_and_read(change):
     for frame in robot.frames:
         np.testing.assert_allclose(again.frame(frame.name).placement, frame.placement, rtol=0, atol=1e-15)
     for loop, same in zip(robot.loops, again.loops, strict=True):
-        assert [end.link for end in loop.ends] == [end.link for end in same.ends] and loop.ball == same.ball
+        assert [end.link for end in loop.ends] == [
+            end.link for end in same.ends
+        ] and loop.is_spherical == same.is_spherical
         for end, other in zip(loop.ends, same.ends, strict=True):
             np.testing.assert_allclose(other.placement, end.placement, rtol=0, atol=1e-15)
 

@@ -7,10 +7,10 @@ import pytest
 
 from robot_dynamics import DescriptionError, Spring
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 from robot_dynamics.model.joint import Limits
-from robot_dynamics.model.mdh import Row, placement_of
+from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 
@@ -40,7 +40,7 @@ loops:
 def test_cut_joint_is_a_joint_of_the_tree_that_moves_a_link_without_inertia():
     robot = read_mdh_yaml(FOUR_BAR)
     (loop,) = robot.loops
-    assert (loop.name, loop.ball, loop.moved.link, loop.closed_on.link) == ("knee", False, 4, 3)
+    assert (loop.name, loop.is_spherical, loop.moved.link, loop.closed_on.link) == ("knee", False, 4, 3)
     assert [link.name for link in robot.links] == ["ground", "input", "coupler", "output", "knee_link"]
     assert not np.any(robot.links[4].inertia.spatial) and robot.frame("knee_link").link == 4
     np.testing.assert_array_equal(loop.moved.placement, np.eye(4))
@@ -48,7 +48,7 @@ def test_cut_joint_is_a_joint_of_the_tree_that_moves_a_link_without_inertia():
     np.testing.assert_allclose(loop.closed_on.placement, turned, atol=1e-15)
     knee = robot.joints[3]
     assert (knee.name, knee.antecedent, knee.prismatic, knee.role) == ("knee", 2, False, "elastic")
-    expected = placement_of(Row(d=0.5, r=0.01)) @ placement_of(Row(alpha=0.3, d=0.1))
+    expected = placement_from_mdh(MDHParameters(d=0.5, r=0.01)) @ placement_from_mdh(MDHParameters(alpha=0.3, d=0.1))
     np.testing.assert_allclose(knee.placement, expected, atol=1e-15)
     assert knee.spring == Spring(3, 0.1) and knee.limits == Limits(-1, 1)
     assert (knee.viscous_friction, knee.coulomb_friction) == (0.2, 0.4)
@@ -60,8 +60,8 @@ def test_loop_without_a_joint_that_turns_or_slides_adds_none(kind, ball):
     text = FOUR_BAR[: FOUR_BAR.index("    role: elastic")].replace("revolute", kind)
     robot = read_mdh_yaml(text)
     (loop,) = robot.loops
-    assert len(robot.joints) == 3 and loop.ball == ball and loop.moved.link == 2
-    expected = placement_of(Row(d=0.5, r=0.01)) @ placement_of(Row(alpha=0.3, d=0.1))
+    assert len(robot.joints) == 3 and loop.is_spherical == ball and loop.moved.link == 2
+    expected = placement_from_mdh(MDHParameters(d=0.5, r=0.01)) @ placement_from_mdh(MDHParameters(alpha=0.3, d=0.1))
     np.testing.assert_allclose(loop.moved.placement, expected, atol=1e-15)
 
 
@@ -112,7 +112,7 @@ def frames_of_the_loop(robot, variable):
     """Frames k and k+B (4, 4) in frame 0, all joints at that variable."""
     placed = [np.eye(4)]
     for joint in robot.joints:
-        placed.append(placed[joint.antecedent] @ joint.placement @ placement_of(Row(theta=variable)))
+        placed.append(placed[joint.antecedent] @ joint.placement @ placement_from_mdh(MDHParameters(theta=variable)))
     return [placed[end.link] @ end.placement for end in robot.loops[0].ends]
 
 

@@ -6,9 +6,9 @@ import pytest
 from peers.planar_stack import planar_stack
 
 from robot_dynamics import DescriptionError
-from robot_dynamics.model.formats.mdh_yaml import read_mdh_yaml
-from robot_dynamics.model.formats.mdh_yaml_writer import write_mdh_yaml
-from robot_dynamics.model.formats.par_writer import losses as par_losses
+from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+from robot_dynamics.model.formats.par.writer import find_losses as par_losses
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.platform import COORDINATES
 

@@ -1,0 +1,28 @@
+"""List the robots that ship."""
+
+import sys
+
+from robot_dynamics.cli.text_table import print_table
+from robot_dynamics.errors import MissingPackageError
+from robot_dynamics.model.loading import load_robot, shipped_robots
+
+NAME = "robots"
+
+
+def add_arguments(parser):
+    pass
+
+
+def run(arguments):
+    rows, missing = [], None
+    for name, path in shipped_robots().items():
+        try:
+            robot = load_robot(name)
+        except MissingPackageError as error:  # it ships all the same
+            rows.append([name, None, None, path.name])
+            missing = error
+        else:
+            rows.append([name, len(robot.joints), "moving" if robot.moving_base else "fixed", path.name])
+    print_table(["name", "joints", "base", "file"], rows)
+    if missing is not None:
+        print(f"robot-dynamics {NAME}: {missing}", file=sys.stderr)

@@ -1,0 +1,172 @@
+"""Sine and cosine of several numbers at once, as LLVM IR text: they share the reduction of the angle to [-π/4, π/4].
+
+Up to LARGEST_ANGLE both are within 2 ulp; beyond it, and where the processor has no fused multiply-add, each number
+goes to the C library, whose reduction is exact for any angle. Of nan and of ±inf both are nan.
+
+Source: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, for the reduction; the polynomials
+are those of FDLIBM (Sun Microsystems, 1993), e_rem_pio2.c and k_sin.c, k_cos.c.
+"""
+
+import struct
+
+MAX_ANGLE = 2.0**30
+"""[rad] Up to here k = round(x / (π/2)) times the third part of π/2 is far below half an ulp of any remainder."""
+
+# π/2 in three doubles: their sum is within 2^-160 of it. With a fused multiply-add x - k P1 is exact, because it is a
+# multiple of 2^-52 (or of x's own last place) less than 1, whatever k.
+HALF_PI = ("0x3FF921FB54442D18", "0x3C91A62633145C07", "0xB91F1976B7ED8FBC")
+ROUNDING_SHIFT = 1.5 * 2.0**52
+"""Added to a number of magnitude less than 2^51 it leaves the nearest integer in the last places of the mantissa."""
+
+SINE_COEFFICIENTS = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+COSINE_COEFFICIENTS = (
+    -0.5,
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
+
+
+def double_literal(value):
+    """A double as IR text, exactly."""
+    return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+
+
+def vector_type(lanes):
+    """The type of so many doubles."""
+    return f"<{lanes} x double>"
+
+
+def splat(text, element="double"):
+    """A constant vector with the same number in each lane."""
+    return f"splat ({element} {text})"
+
+
+def out_of_range_mask(name, x, lanes):
+    """IR lines: bit i of `%name` (an integer of as many bits as lanes) tells whether lane i of x is out of range.
+
+    nan is not: the polynomials answer it with nan.
+    """
+    V = vector_type(lanes)
+    return [
+        f"%{name}.size = call {V} @llvm.fabs.v{lanes}f64({V} {x})",
+        f"%{name}.lanes = fcmp ogt {V} %{name}.size, {splat(double_literal(MAX_ANGLE))}",
+        f"%{name} = bitcast <{lanes} x i1> %{name}.lanes to i{lanes}",
+    ]
+
+
+def sincos_functions(lanes, fused):
+    """IR text of `@sincos<lanes>`, right within the range alone, and `@sincos_anywhere<lanes>`.
+
+    Both take a vector of angles [rad] and give {sines, cosines}. fused: whether the processor has a fused multiply-add.
+    """
+    V = vector_type(lanes)
+    within = _polynomials(lanes) if fused else [f"%both = call {{{V}, {V}}} @sincos_library{lanes}({V} %x)"]
+    return "\n".join(
+        [
+            f"declare {V} @llvm.fma.v{lanes}f64({V}, {V}, {V})",
+            f"declare {V} @llvm.fabs.v{lanes}f64({V})",
+            _library(lanes),
+            f"define internal {{{V}, {V}}} @sincos{lanes}({V} %x) alwaysinline {{",
+            *within,
+            f"ret {{{V}, {V}}} %both",
+            "}",
+            f"define internal {{{V}, {V}}} @sincos_anywhere{lanes}({V} %x) noinline {{",
+            *out_of_range_mask("wide", "%x", lanes),
+            f"%within = icmp eq i{lanes} %wide, 0",
+            "br i1 %within, label %fast, label %exact",
+            "fast:",
+            f"%near = call {{{V}, {V}}} @sincos{lanes}({V} %x)",
+            f"ret {{{V}, {V}}} %near",
+            "exact:",
+            f"%far = call {{{V}, {V}}} @sincos_library{lanes}({V} %x)",
+            f"ret {{{V}, {V}}} %far",
+            "}",
+        ]
+    )
+
+
+def _library(lanes):
+    """`@sincos_library<lanes>`: each lane by the C library, whose functions stand in `@runtime`."""
+    V = vector_type(lanes)
+    lines = [
+        f"define internal {{{V}, {V}}} @sincos_library{lanes}({V} %x) noinline cold {{",
+        "%sin = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 0)",
+        "%cos = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 1)",
+    ]
+    sines = cosines = "poison"
+    for lane in range(lanes):
+        lines += [
+            f"%x{lane} = extractelement {V} %x, i64 {lane}",
+            f"%sin{lane} = call double %sin(double %x{lane})",
+            f"%cos{lane} = call double %cos(double %x{lane})",
+            f"%sines{lane} = insertelement {V} {sines}, double %sin{lane}, i64 {lane}",
+            f"%cosines{lane} = insertelement {V} {cosines}, double %cos{lane}, i64 {lane}",
+        ]
+        sines, cosines = f"%sines{lane}", f"%cosines{lane}"
+    return "\n".join([*lines, *_pair(V, sines, cosines), f"ret {{{V}, {V}}} %both", "}"])
+
+
+def _pair(V, sines, cosines):
+    return [
+        f"%one = insertvalue {{{V}, {V}}} poison, {V} {sines}, 0",
+        f"%both = insertvalue {{{V}, {V}}} %one, {V} {cosines}, 1",
+    ]
+
+
+def _polynomials(lanes):
+    """IR lines from %x to %both. No flag allows to reorder anything here: the rounding step and the remainder live on
+    operations that are exact as they stand.
+    """
+    V, words = vector_type(lanes), f"<{lanes} x i64>"
+    lines = []
+
+    def fma(name, a, b, c):
+        lines.append(f"%{name} = call {V} @llvm.fma.v{lanes}f64({V} {a}, {V} {b}, {V} {c})")
+        return f"%{name}"
+
+    def constant(value):
+        return splat(value if isinstance(value, str) else double_literal(value))
+
+    def polynomial(name, coefficients):
+        value = constant(coefficients[-1])
+        for degree, coefficient in reversed(list(enumerate(coefficients[:-1]))):
+            value = fma(f"{name}{degree}", "%z", value, constant(coefficient))
+        return value
+
+    shifted = fma("shifted", "%x", constant("0x3FE45F306DC9C883"), constant(ROUNDING_SHIFT))  # x 2/π
+    lines += [f"%k = fsub {V} {shifted}, {constant(ROUNDING_SHIFT)}", f"%minus_k = fneg {V} %k"]
+    remainder = "%x"
+    for place, part in enumerate(HALF_PI):
+        remainder = fma(f"r{place}", "%minus_k", constant(part), remainder)
+    lines += [f"%z = fmul {V} {remainder}, {remainder}", f"%rz = fmul {V} {remainder}, %z"]
+    sine = fma("sine", "%rz", polynomial("s", SINE_COEFFICIENTS), remainder)
+    cosine = fma("cosine", "%z", polynomial("c", COSINE_COEFFICIENTS), constant(1.0))
+    # k mod 4, the quadrant, is in the last two bits of `shifted`: odd ones swap, and bit 1 of k and of k + 1 negates
+    lines += [
+        f"%quadrant = bitcast {V} {shifted} to {words}",
+        f"%next = add {words} %quadrant, {splat(1, 'i64')}",
+        f"%bit = and {words} %quadrant, {splat(1, 'i64')}",
+        f"%odd = icmp ne {words} %bit, zeroinitializer",
+    ]
+    for name, other, first, quadrant in (("sin", "cos", sine, "quadrant"), ("cos", "sin", cosine, "next")):
+        second = cosine if other == "cos" else sine
+        lines += [
+            f"%{name}.size = select <{lanes} x i1> %odd, {V} {second}, {V} {first}",
+            f"%{name}.bits = bitcast {V} %{name}.size to {words}",
+            f"%{name}.high = shl {words} %{quadrant}, {splat(62, 'i64')}",
+            f"%{name}.sign = and {words} %{name}.high, {splat(-(2**63), 'i64')}",
+            f"%{name}.signed = xor {words} %{name}.bits, %{name}.sign",
+            f"%{name} = bitcast {words} %{name}.signed to {V}",
+        ]
+    return [*lines, *_pair(V, "%sin", "%cos")]

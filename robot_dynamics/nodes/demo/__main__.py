@@ -1,0 +1,8 @@
+"""Run the demo: `python -m robot_dynamics.nodes.demo`."""
+
+import sys
+
+from robot_dynamics.nodes.demo.main import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""The executables of the nodes. They import ROS when they run; where it is missing, they say in a line what to do."""
+
+import sys
+from importlib import import_module
+
+from robot_dynamics.errors import INTERRUPTED_EXIT_STATUS
+from robot_dynamics.optional_packages import missing_package_error
+
+ROS_INSTALLATION_HINT = (
+    "install ROS 2 Jazzy and source its setup.bash, or run `make venv` in a checkout of robot_dynamics, which brings "
+    "its own ROS. The command robot-dynamics and the Python library need no ROS"
+)
+ROS_MODULES = ("rclpy", "rcl_interfaces", "robot_dynamics_interfaces", "builtin_interfaces", "rosidl_parser")
+
+
+def run_executable(name: str):
+    """Import the module of this name from robot_dynamics.nodes, run its `main`, and return what that returns.
+
+    Where a module is missing, or the user interrupts the import, end the process with one line on stderr.
+    """
+    try:
+        main = import_module(f"robot_dynamics.nodes.{name}.__main__").main
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        if missing in ROS_MODULES or missing.endswith("_msgs") or missing.endswith("_srvs"):
+            sys.exit(f"{name}: {error.msg} in {sys.executable}: {ROS_INSTALLATION_HINT}")
+        sys.exit(f"{missing_package_error(error, name)} (for {sys.executable})")
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED_EXIT_STATUS)
+    return main()
+
+
+def computed_torque():
+    """Run the node computed_torque."""
+    return run_executable("computed_torque")
+
+
+def dynamics_server():
+    """Run the node dynamics_server."""
+    return run_executable("dynamics_server")
+
+
+def demo():
+    """Run the demo."""
+    return run_executable("demo")
+
+
+def mobile_base_simulator():
+    """Run the node mobile_base_simulator."""
+    return run_executable("mobile_base_simulator")
+
+
+def replay_check():
+    """Run the node replay_check."""
+    return run_executable("replay_check")
