@@ -9,7 +9,7 @@ import numpy as np
 from robot_dynamics.checking.check import CheckResult, Predictor, check
 from robot_dynamics.checking.faults import Evidence, Fault
 from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.recordings.recording import moving_base, open_recording
+from robot_dynamics.recordings.recording import moving_base_link, open_recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def check_recording(recording, options, *, progress=None, callbacks=()):
 
 def _outcome(options, path):
     try:
-        recording = open_recording(path, options.drives, options.topics, moving_base(options.dynamics))
+        recording = open_recording(path, options.drives, options.topics, moving_base_link(options.dynamics))
         return Outcome(str(path), *check_recording(recording, options))
     except RobotDynamicsError as error:
         return Outcome(str(path), error=str(error))

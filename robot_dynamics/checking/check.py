@@ -7,9 +7,8 @@ import numpy as np
 
 from robot_dynamics.checking.comparison import Comparison, JointComparison
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.recordings.position_limits import note_limit_violations
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
-
-RANGE_MARGIN = 0.1  # part of the range of a joint by which positions may be beyond it before that is told
 
 
 @dataclass(frozen=True)
@@ -119,17 +118,6 @@ def check(recording, dynamics, tolerances, *, cutoff=None, rate=None, progress=N
     notes = (*recording.notes, *statistics.sentences)
     return CheckResult(recording.name, dynamics.robot.name, motion.rate, motion.cutoff, end, verdicts, segments, notes,
                  comparison)  # fmt: skip
-
-
-def note_limit_violations(dynamics, motion, statistics):
-    """Put into a Tally what positions of a Motion the joints of a robot cannot have, by far."""
-    robot = dynamics.robot
-    for name, q in zip(dynamics.joint_names, motion.q.T, strict=True):
-        joint = robot.joints[robot.joint_numbers[name]]
-        room = RANGE_MARGIN * (joint.limits.upper - joint.limits.lower)
-        if q.max() > joint.limits.upper + room or q.min() < joint.limits.lower - room:
-            unit, other = ("m", "millimetres") if joint.prismatic else ("rad", "degrees")
-            statistics[f"positions [{unit}] far beyond the limits of the model (are these {other}?)"] = name
 
 
 def effort_limits(robot, joint_names, peaks):

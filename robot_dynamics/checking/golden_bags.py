@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.bags import JOINT_STATE, Bag, import_rosbag2, typestore
+from robot_dynamics.recordings.bags import JOINT_STATE, Bag, import_rosbag2, load_typestore
 
 TOPIC = "/predicted_effort"
 STAMP_TOLERANCE = 1_000  # [ns] between stamps that are the same
@@ -24,7 +24,7 @@ class GoldenWriter:
         self.path, self._names = Path(path), list(joint_names)
         if self.path.exists():
             raise RecordingError(f"{self.path} is there already: a new folder is needed for the golden bag")
-        self._store = typestore()
+        self._store = load_typestore()
 
     def __enter__(self):
         try:

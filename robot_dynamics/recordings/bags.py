@@ -23,7 +23,7 @@ def import_rosbag2():
     return import_optional("rosbags.rosbag2", "reading or writing a bag")
 
 
-def typestore():
+def load_typestore():
     """The message types of ROS 2 Jazzy, of the package `rosbags`. Raises MissingPackageError."""
     typesys = import_optional("rosbags.typesys", "reading or writing a bag")
     return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
@@ -82,7 +82,7 @@ class Bag:
 
     def samples(self, topics, base=None):
         """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the link `base`."""
-        store, unread = typestore(), 0
+        store, unread = load_typestore(), 0
         odometry = OdometryReader(base)
         for topic, recorded, data in self._messages(topics):
             try:

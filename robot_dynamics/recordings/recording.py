@@ -83,6 +83,6 @@ def open_recording(path, drives, topics=(), base=None):
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
 
 
-def moving_base(dynamics):
+def moving_base_link(dynamics):
     """Name of the base link of the robot of a Dynamics where it moves, else None: what `open_recording` is to know."""
     return dynamics.robot.base_link if dynamics.robot.moving_base else None
