@@ -220,9 +220,12 @@ def compute_verdicts(
 ) -> tuple[tuple[Verdict, ...], tuple[FailedSegment, ...]]:
     """Verdicts of the joints and segments out of tolerance, of a comparison and effort limits (n,) [N m or N]."""
     joints = comparison.joint_comparisons
-    tolerated = np.array([
-        tolerances.rms_tolerance(joint.joint, joint.spread, limit) for joint, limit in zip(joints, limits, strict=True)
-    ])  # fmt: skip
+    tolerated = np.array(
+        [
+            tolerances.rms_tolerance(joint.joint, joint.spread, limit)
+            for joint, limit in zip(joints, limits, strict=True)
+        ]
+    )
     segments = tuple(_failed_segments(comparison, tolerated * tolerances.window_factor))
     verdicts = []
     for joint, tolerance, has_efforts in zip(joints, tolerated, comparison.has_efforts, strict=True):

@@ -20,9 +20,19 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.check import CheckResult, Verdict
 
 TABLE_HEADER = (
-    "joint", "verdict", "RMS", "tolerated", "RMS / spread", "largest", "at [s]", "bias", "correlation", "scale",
-    "RMS unfiltered", "failures",
-)  # fmt: skip
+    "joint",
+    "verdict",
+    "RMS",
+    "tolerated",
+    "RMS / spread",
+    "largest",
+    "at [s]",
+    "bias",
+    "correlation",
+    "scale",
+    "RMS unfiltered",
+    "failures",
+)
 MAX_POINTS = 1500  # points of a joint over velocity: each is an element of the page
 COLUMNS = 3  # of a grid of joints
 STYLE = """
@@ -87,9 +97,16 @@ def _joint_table(check: CheckResult) -> str:
 def _joint_row(verdict: Verdict) -> str:
     joint = verdict.joint
     numbers = (
-        joint.rms, verdict.tolerance, joint.normalised, joint.largest, joint.at, joint.bias, joint.correlation,
-        joint.scale, joint.rms_unfiltered,
-    )  # fmt: skip
+        joint.rms,
+        verdict.tolerance,
+        joint.normalised,
+        joint.largest,
+        joint.at,
+        joint.bias,
+        joint.correlation,
+        joint.scale,
+        joint.rms_unfiltered,
+    )
     cells = [
         escape(joint.joint),
         _badge(verdict.passed),

@@ -57,7 +57,9 @@ def load_tolerances(path: str | Path | None = None, joint_names: Collection[str]
     DescriptionError
         Where the file cannot be read, or does not fit its schema or the joints.
     """
-    values = read_document(shipped_file("tolerances/default.yaml"), SCHEMA, EXPECTED).data
+    default = shipped_file("tolerances/default.yaml")
+    assert default is not None, "the package ships this file"
+    values = read_document(default, SCHEMA, EXPECTED).data
     if path is not None:
         document = read_document(Path(path), SCHEMA, EXPECTED)
         for name in document.data.get("joints", {}):

@@ -55,12 +55,12 @@ class SignalSegment:
 
 
 class Resampler:
-    """Resamples joint samples: `feed` takes them one by one, `drain` returns what can be put on the grid.
+    """Resamples joint samples: `feed` takes them one by one, `drain` returns the segments that are complete.
 
     Parameters
     ----------
     names : names of the k joints, in the order of the columns of the segments.
-    statistics : counts what is skipped.
+    statistics : counts of skipped samples, updated while reading.
     rate : samples per second of the grid; None: as recorded.
 
     Attributes

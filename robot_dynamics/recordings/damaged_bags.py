@@ -16,6 +16,9 @@ from robot_dynamics.recordings.sqlite_pages import Cell, SqlitePages
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\x00"
+MESSAGE_QUERY = (
+    "SELECT name, type, timestamp, data FROM messages JOIN topics ON topic_id = topics.id ORDER BY messages.id"
+)
 MAX_TOPICS = 10_000
 MAX_REASON_LENGTH = 100  # characters of the error of another library in a note
 
@@ -60,9 +63,7 @@ def read_damaged_sqlite(path: Path, note: Callable[[str], None]) -> Iterator[Raw
     if log.exists() and log.stat().st_size > 0:
         try:
             with closing(_open_with_log(path)) as database:
-                yield from map(RawMessage._make, database.execute(
-                    "SELECT name, type, timestamp, data FROM messages JOIN topics "
-                    "ON topic_id = topics.id ORDER BY messages.id"))  # fmt: skip
+                yield from map(RawMessage._make, database.execute(MESSAGE_QUERY))
             return
         except sqlite3.Error as error:
             note(f"{path.name} cannot be read with its write-ahead log ({error}): it is read without the log")

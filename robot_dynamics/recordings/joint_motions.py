@@ -102,8 +102,8 @@ def filter_motions(
     ----------
     signal_segments : signals of the motors, in the order of `drives.names`; `BASE_SIGNALS` may follow them.
     drives : conversion from motors to joints.
-    statistics : counts what is skipped.
-    cutoff : cut-off frequency [Hz]; None: `DEFAULT_CUTOFF`, or what the rate allows.
+    statistics : counts of skipped samples, updated while reading.
+    cutoff : cut-off frequency [Hz]; None: 8, or a fifth of the rate where that is lower.
 
     Raises
     ------

@@ -97,17 +97,18 @@ def slice_base(base: Base | None, rows: slice) -> Base | None:
     """Some rows of a Base; None of None."""
     if base is None:
         return None
-    assert base.acceleration is not None, "a recorded base has accelerations"
-    return Base(base.pose[rows], base.twist[rows], base.acceleration[rows])
+    pose, twist, acceleration = _arrays(base)
+    return Base(pose[rows], twist[rows], acceleration[rows])
 
 
 def concatenate_bases(first: Base | None, second: Base | None) -> Base | None:
     """The rows of both; None where the base was not recorded."""
     if first is None or second is None:
         return None
-    assert first.acceleration is not None and second.acceleration is not None, "a recorded base has accelerations"
-    return Base(
-        np.concatenate([first.pose, second.pose]),
-        np.concatenate([first.twist, second.twist]),
-        np.concatenate([first.acceleration, second.acceleration]),
-    )
+    return Base(*(np.concatenate(pair) for pair in zip(_arrays(first), _arrays(second), strict=True)))
+
+
+def _arrays(base: Base) -> tuple[Array, Array, Array]:
+    """Pose (N, 4, 4), twist and acceleration (N, 6) of a recorded base."""
+    assert base.acceleration is not None, "a recorded base has accelerations"
+    return np.asarray(base.pose), np.asarray(base.twist), np.asarray(base.acceleration)

@@ -75,7 +75,7 @@ class Recording:
 
         Parameters
         ----------
-        statistics : counts what is skipped.
+        statistics : counts of skipped samples, updated while reading.
         rate : samples per second of the grid; None: as recorded.
         progress : wraps the iterator over messages.
 
@@ -100,7 +100,7 @@ class Recording:
 
         Parameters
         ----------
-        statistics : counts what is skipped.
+        statistics : counts of skipped samples, updated while reading.
         cutoff : cut-off frequency of the low-pass filter [Hz]; None: 8, or a fifth of the rate.
         rate, progress : as for `signal_segments`.
 

@@ -5,9 +5,20 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 CountName: TypeAlias = Literal[
-    "no_known_joint", "length_mismatch", "duplicates", "out_of_order", "clock_jumps", "gaps", "not_finite",
-    "too_short", "too_close", "unbounded", "edges", "second_source", "zero_stamp",
-]  # fmt: skip
+    "no_known_joint",
+    "length_mismatch",
+    "duplicates",
+    "out_of_order",
+    "clock_jumps",
+    "gaps",
+    "not_finite",
+    "too_short",
+    "too_close",
+    "unbounded",
+    "edges",
+    "second_source",
+    "zero_stamp",
+]
 
 DESCRIPTIONS: dict[CountName, str] = {
     "no_known_joint": "messages name no joint of the model and were skipped",

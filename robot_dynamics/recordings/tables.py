@@ -192,8 +192,10 @@ class Table:
 def _table_paths(folder: Path, tables: TableFiles) -> dict[Field | None, Path]:
     """{field: path} of the files of a folder."""
     names: dict[Field, str | None] = {
-        "position": tables.position, "velocity": tables.velocity, "effort": tables.effort,
-    }  # fmt: skip
+        "position": tables.position,
+        "velocity": tables.velocity,
+        "effort": tables.effort,
+    }
     return {field: folder / name for field, name in names.items() if name is not None}
 
 

@@ -60,11 +60,15 @@ def test_comparison_agrees_with_statistics_by_numpy():
     for column, joint in enumerate(comparison.joint_comparisons):
         slope, _ = np.polyfit(p[:, column], m[:, column], 1)
         expected = {
-            "rms": np.sqrt((r[:, column] ** 2).mean()), "bias": r[:, column].mean(), "spread": m[:, column].std(),
-            "largest": np.abs(r[:, column]).max(), "correlation": np.corrcoef(m[:, column], p[:, column])[0, 1],
-            "scale": slope, "at": np.abs(r[:, column]).argmax() / 100,
+            "rms": np.sqrt((r[:, column] ** 2).mean()),
+            "bias": r[:, column].mean(),
+            "spread": m[:, column].std(),
+            "largest": np.abs(r[:, column]).max(),
+            "correlation": np.corrcoef(m[:, column], p[:, column])[0, 1],
+            "scale": slope,
+            "at": np.abs(r[:, column]).argmax() / 100,
             "rms_unfiltered": np.sqrt(((r[:, column] + 1) ** 2).mean()),
-        }  # fmt: skip
+        }
         for key, value in expected.items():
             assert getattr(joint, key) == pytest.approx(value, rel=1e-9), key
     starts, rms = comparison.window_rms
@@ -112,10 +116,13 @@ def test_drives_describe_motors_gains_offsets_and_gravity(tmp_path):
         coupling_efforts[:, a] += friction[2] * np.sign(MOTION.qd[:, 5] + MOTION.qd[:, 6])
     gravity = DYNAMICS.gravity(MOTION.q)
     currents = (MOTION.efforts - gravity + offsets + coupling_efforts) @ np.linalg.inv(R) / kt
-    states = [message(t, motors, q, (), current)
-            for t, q, current in zip(MOTION.times, at_motors, currents, strict=True)]  # fmt: skip
-    ratios = "".join(f"  {motor}: {{{', '.join(f'{JOINTS[k]}: {row[k]}' for k in np.flatnonzero(row))}}}\n"
-                     for motor, row in zip(motors, R, strict=True))  # fmt: skip
+    states = [
+        message(t, motors, q, (), current) for t, q, current in zip(MOTION.times, at_motors, currents, strict=True)
+    ]
+    ratios = "".join(
+        f"  {motor}: {{{', '.join(f'{JOINTS[k]}: {row[k]}' for k in np.flatnonzero(row))}}}\n"
+        for motor, row in zip(motors, R, strict=True)
+    )
     text = (
         f"format: 1\nmotors:\n{ratios}position_offsets: {{panda_joint2: 0.5}}\neffort_excludes_gravity: true\n"
         f"effort_gains: {{{', '.join(f'{m}: {g}' for m, g in zip(motors, kt, strict=True))}}}\n"
@@ -280,8 +287,9 @@ def test_check_notes_probable_degrees_and_milliseconds(tmp_path):
     notes = checked(path).notes
     assert not any("?" in note for note in notes)
     path.write_text("\n".join(table_lines(MOTION._replace(q=np.degrees(MOTION.q)))))
-    assert any("beyond the limits of the model (are these degrees?): panda_joint" in note
-               for note in checked(path).notes)  # fmt: skip
+    assert any(
+        "beyond the limits of the model (are these degrees?): panda_joint" in note for note in checked(path).notes
+    )
     path.write_text("\n".join(table_lines(MOTION, times=1000 * MOTION.times)))
     assert (
         "rows are 10 s apart: are the times in milliseconds or nanoseconds? Seconds are needed" in checked(path).notes

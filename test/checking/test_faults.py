@@ -148,9 +148,11 @@ def test_joint_without_efforts_has_no_fault_and_hides_none(joint):
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 @pytest.mark.parametrize(
     ("robot", "recording", "link"),
-    [(REAL_DATA / "ur10" / "ur10.urdf", "ur10/ur10_unisa_mcap", "tool0"),
-     ("panda", "panda/panda_unisa_mcap", "panda_link8")],
-)  # fmt: skip
+    [
+        (REAL_DATA / "ur10" / "ur10.urdf", "ur10/ur10_unisa_mcap", "tool0"),
+        ("panda", "panda/panda_unisa_mcap", "panda_link8"),
+    ],
+)
 def test_faults_of_real_recordings_are_identified_and_dated(robot, recording, link):
     subject = real(robot, recording, link)
     assert subject.find_fault(subject.efforts) is None

@@ -49,8 +49,12 @@ def feed_all(live, recorded, every=10, on_advance=None):
 @pytest.mark.parametrize("every", [5, 700])
 def test_live_check_agrees_with_the_check_of_the_recording(tmp_path, every):
     motion, pieces = noisy(), []
-    result = check(open_recording(write_bag(tmp_path / "run", messages(motion)), direct_drives(JOINTS)), DYNAMICS,
-                  load_tolerances(), on_piece=lambda *piece: pieces.append(piece))  # fmt: skip
+    result = check(
+        open_recording(write_bag(tmp_path / "run", messages(motion)), direct_drives(JOINTS)),
+        DYNAMICS,
+        load_tolerances(),
+        on_piece=lambda *piece: pieces.append(piece),
+    )
     live = new_check()
     predictions = feed_all(live, samples(motion), every)
     stamps, predicted = (
@@ -138,8 +142,10 @@ def test_live_check_skips_and_counts_numbers_that_are_too_large():
 
 
 def test_live_check_skips_rows_without_positions_at_the_beginning():
-    recorded = [JointSample("t", each.stamp, 0, each.names, each.position, each.velocity, each.effort)
-                for each in samples(noisy())]  # fmt: skip
+    recorded = [
+        JointSample("t", each.stamp, 0, each.names, each.position, each.velocity, each.effort)
+        for each in samples(noisy())
+    ]
     recorded[:150] = [each._replace(position=np.full(7, np.nan)) for each in recorded[:150]]
     live = new_check()
     feed_all(live, recorded)
@@ -152,8 +158,11 @@ def test_live_check_of_uneven_stamps_and_gaps_agrees_with_the_check_of_the_recor
     rng = np.random.default_rng(3)
     motion = panda_motion(times=uneven_times(kind, 20.0))
     motion = motion._replace(efforts=motion.efforts + 0.3 * rng.normal(size=motion.efforts.shape))
-    result = check(open_recording(write_bag(tmp_path / "run", messages(motion)), direct_drives(JOINTS)), DYNAMICS,
-                  load_tolerances())  # fmt: skip
+    result = check(
+        open_recording(write_bag(tmp_path / "run", messages(motion)), direct_drives(JOINTS)),
+        DYNAMICS,
+        load_tolerances(),
+    )
     live = new_check()
     predictions = feed_all(live, samples(motion), every)
     stamps = np.concatenate([prediction.stamps for prediction in predictions])

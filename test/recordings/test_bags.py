@@ -13,8 +13,14 @@ from robot_dynamics.recordings.bags import JOINT_STATE, Bag
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
 MOTION = panda_motion(duration=6.0)
 MODES = rosbag2.CompressionMode
-KINDS = [("mcap", None), ("sqlite3", None), ("mcap", MODES.MESSAGE), ("mcap", MODES.FILE), ("sqlite3", MODES.FILE),
-         ("mcap", MODES.STORAGE)]  # fmt: skip
+KINDS = [
+    ("mcap", None),
+    ("sqlite3", None),
+    ("mcap", MODES.MESSAGE),
+    ("mcap", MODES.FILE),
+    ("sqlite3", MODES.FILE),
+    ("mcap", MODES.STORAGE),
+]
 
 
 def positions(bag, requested=()):
@@ -92,10 +98,14 @@ def test_bag_reads_a_database_that_was_not_closed_with_its_log(tmp_path):
     writer = sqlite3.connect(file)
     writer.execute("PRAGMA journal_mode=WAL")
     types = store()
-    rows = [(1, 1_600_000_100_000_000_000 + k, types.serialize_cdr(of_rosbags(state, types.types), JOINT_STATE))
-            for k, state in enumerate(messages(MOTION)[100:200])]  # fmt: skip
-    writer.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
-                       [(topic, stamp, bytes(data)) for topic, stamp, data in rows])  # fmt: skip
+    rows = [
+        (1, 1_600_000_100_000_000_000 + k, types.serialize_cdr(of_rosbags(state, types.types), JOINT_STATE))
+        for k, state in enumerate(messages(MOTION)[100:200])
+    ]
+    writer.executemany(
+        "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+        [(topic, stamp, bytes(data)) for topic, stamp, data in rows],
+    )
     writer.commit()
     for suffix in ("", "-wal"):
         shutil.copy(f"{file}{suffix}", tmp_path / f"lost.db3{suffix}")

@@ -60,8 +60,9 @@ def test_quaternions_with_changing_sign_give_the_same_check(bags, tmp_path):
             q = odometry_message.pose.pose.orientation
             q.x, q.y, q.z, q.w = -q.x, -q.y, -q.z, -q.w
     paths = write_bag(tmp_path / "turned", pairs), write_bag(tmp_path / "same", flight(1, 6.0))
-    checks = [check(open_recording(path, direct_drives(NAMES), base=BASE), DYNAMICS, load_tolerances())
-              for path in paths]  # fmt: skip
+    checks = [
+        check(open_recording(path, direct_drives(NAMES), base=BASE), DYNAMICS, load_tolerances()) for path in paths
+    ]
     rms = [[verdict.joint.rms for verdict in result.verdicts] for result in checks]
     assert rms[0] == pytest.approx(rms[1], rel=1e-9) and checks[0].passed
 
