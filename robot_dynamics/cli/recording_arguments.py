@@ -28,7 +28,7 @@ def open_recordings(arguments, paths):
     """(Dynamics, the Recordings at paths) of parsed arguments. Raises RobotDynamicsError."""
     # here, so that the other verbs do not load what filters recordings
     from robot_dynamics.recordings.drives import load_drives
-    from robot_dynamics.recordings.recording import moving_base, open_recording
+    from robot_dynamics.recordings.recording import moving_base_link, open_recording
 
     if arguments.rate is not None and not 0 < arguments.rate < 1e6:
         raise RecordingError(f"--rate {arguments.rate:g}: samples per second are needed")
@@ -38,4 +38,4 @@ def open_recordings(arguments, paths):
                              "recordings are taken of robots all joints of which have motors; passive joints of closed "
                              "loops need none")  # fmt: skip
     drives = load_drives(arguments.drives, dynamics.joint_names)
-    return dynamics, [open_recording(path, drives, arguments.topic, moving_base(dynamics)) for path in paths]
+    return dynamics, [open_recording(path, drives, arguments.topic, moving_base_link(dynamics)) for path in paths]
