@@ -6,7 +6,7 @@ import pytest
 from robot_dynamics import Base, DescriptionError, Dynamics, InvalidInputError, load_robot
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Ground, Simulation
-from robot_dynamics.simulation.plant import FrameKinematics
+from robot_dynamics.simulation.frame_kinematics import FrameKinematics
 
 MASS, HALF, HEIGHT = 2.0, 0.15, 0.05  # [kg], [m]: a flat box, so that it does not tip
 CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
