@@ -80,7 +80,7 @@ def two_inertias(law, stiffness, damping, followed, *, seconds=1.3, step=2e-4):
         return np.array([x[2], x[3], (motor_effort + between) / ROTOR, link(x)])
 
     now = effort(0.0)
-    x = np.array([reference[0, 0], reference[0, 0] + law._deflections.motion[0, 0] - 0.2, 0, 0])
+    x = np.array([reference[0, 0], reference[0, 0] + law._link_side.solver.motion[0, 0] - 0.2, 0, 0])
     for time in np.arange(0, seconds, step):
         followed.sample(time, wanted)
         rows.append((link(x), wanted[2, 0]))
@@ -119,7 +119,7 @@ def motion(law, followed, time):
     n, out = len(law.q), np.zeros(len(law.joints))
     reference, whole = np.zeros((3, len(law.joints))), np.zeros((3, n))
     law.sample_reference(followed, time, reference)
-    whole[:, law.joint_indices], whole[:, law.elastic_actuators.springs] = reference, law._deflections.motion
+    whole[:, law.joint_indices], whole[:, law.elastic_actuators.springs] = reference, law._link_side.solver.motion
     law.feedforward(reference, out)
     efforts = np.zeros(n)
     efforts[law.joint_indices] = out
@@ -312,9 +312,9 @@ def test_rates_of_motors_are_zero_where_the_links_stand(name):
     for time in np.arange(-0.02, 0.6, 0.007):
         law.sample_reference(followed, time, reference)
         if not -0.007 < time < 0.4:
-            assert not reference[1:].any() and not law._deflections.motion[1:].any(), time
+            assert not reference[1:].any() and not law._link_side.solver.motion[1:].any(), time
         elif 0.1 < time < 0.2:
-            assert law._deflections.motion[1:].all()
+            assert law._link_side.solver.motion[1:].all()
 
 
 def test_springs_that_are_not_measured_are_taken_to_be_as_the_reference_has_them():
@@ -347,7 +347,7 @@ def test_deflections_go_on_without_a_jump_where_the_reference_or_the_robot_is_an
             before, law = law, law_of(robot)
             law.continue_from(before)
         law.sample_reference(moving if time < 0.2 else braking, time, reference)
-        sent.append(law._deflections.motion[0, 0])
+        sent.append(law._link_side.solver.motion[0, 0])
     steps = np.abs(np.diff(sent))
     assert steps[198:202].max() < 2 * steps[195:198].max() and steps[298:302].max() < 1.5 * steps[295:298].max()
     settled = (-WEIGHT * np.cos(0.7 + 0.2)) / 2e3 + 0.2
@@ -363,7 +363,7 @@ def test_a_stream_of_points_moves_the_motor_as_a_trajectory_does_but_for_the_jer
         swing.sample(time, told)
         for law, followed, reference in zip(laws, (swing, ReferencePoint(time, told, 0.1)), pair, strict=True):
             law.sample_reference(followed, time, reference)
-        rows.append([law._deflections.motion[:, 0].copy() for law in laws])
+        rows.append([law._link_side.solver.motion[:, 0].copy() for law in laws])
     rows = np.array(rows[400:])
     scale, error = np.abs(rows[:, 0]).max(axis=0), np.abs(rows[:, 1] - rows[:, 0]).max(axis=0)
     assert error[0] < 1e-3 * scale[0] and error[1] < 0.02 * scale[1]
@@ -395,9 +395,8 @@ def test_gears_that_no_motion_of_the_motor_suits_are_refused(change, said):
 
 def test_springs_too_soft_for_the_motors_that_move_behind_them_are_refused_and_named():
     law = law_of(load_robot(elastic_3rps(30.0)))
-    swing = Swing(
-        law.dynamics.initial_joint_positions[[law._places[name] for name in law.joints]], 0.03, np.array([9, 10, 11])
-    )
+    motors = [law.dynamics.all_joint_names.index(name) for name in law.joints]
+    swing = Swing(law.dynamics.initial_joint_positions[motors], 0.03, np.array([9, 10, 11]))
     with pytest.raises(RobotDynamicsError, match=r"too soft \(stiffness 30, 30, 30\)"):
         for time in np.linspace(0, 1, 20):
             law.sample_reference(swing, time, np.zeros((3, 3)))
