@@ -4,13 +4,17 @@ In one part of a step such an attitude is integrated as a rotation vector from t
 part. The rotation vector takes the place of the three angles among the integration variables.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.constraints import attitude_charts
-from robot_dynamics.constraints.topology import ConstraintTopology
 from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
+
+if TYPE_CHECKING:
+    from robot_dynamics.constraints.topology import ConstraintTopology
 
 
 class LocalAttitudeChart(NamedTuple):

@@ -7,46 +7,22 @@ joints where the robot has loops. The chart begins where the step begins, so tha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.simulation.branch import TIGHT_CLOSURE_TOLERANCE, find_neighbours, interpolate
-from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY, ConstrainedMotion, LoopCoordinates
+from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY
 from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
-from robot_dynamics.simulation.step_inputs import StepInputs
 
 if TYPE_CHECKING:
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
+    from robot_dynamics.simulation.constrained_motion import ConstrainedMotion
     from robot_dynamics.simulation.ground_contact import GroundContact
     from robot_dynamics.simulation.plant import Plant
     from robot_dynamics.simulation.rate_constraints import RateConstraints
-
-CHART_ORIGIN = np.zeros(6)
-
-
-class Conditions(NamedTuple):
-    """Conditions under which the derivative is evaluated.
-
-    Attributes
-    ----------
-    pose : ndarray, shape (4, 4)
-        Pose of the base where the step begins.
-    inputs : StepInputs
-    coordinates : LoopCoordinates or None
-        Of a robot with loops: the coordinates of the rates.
-    direction : ndarray, shape (all joints,), or None
-        Velocities near a singular position of the loops; None elsewhere.
-    local_charts : sequence of LocalAttitudeChart
-        Platforms of which x has a rotation vector in the place of the angles.
-    """
-
-    pose: Array
-    inputs: StepInputs
-    coordinates: LoopCoordinates | None
-    direction: Array | None
-    local_charts: Sequence[LocalAttitudeChart] = ()
+    from robot_dynamics.simulation.step_inputs import Conditions, StepInputs
 
 
 class EquationsOfMotion:

@@ -5,15 +5,20 @@ With constraints C ν = 0 and C ν̇ = c, Gauss's principle of least constraint 
     ν̇ = b + N (Nᵀ A N)⁻¹ Nᵀ A (ν̇_free - b),   C N = 0,   C b = c
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
-from typing import Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.linalg import null_space
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.simulation.plant import Plant
-from robot_dynamics.simulation.wheels import RollingConstraints, Wheel
+from robot_dynamics.simulation.wheels import RollingConstraints
+
+if TYPE_CHECKING:
+    from robot_dynamics.simulation.plant import Plant
+    from robot_dynamics.simulation.wheels import Wheel
 
 BaseType: TypeAlias = Literal["fixed", "free", "planar"]
 BASE_TYPES: tuple[BaseType, ...] = ("fixed", "free", "planar")

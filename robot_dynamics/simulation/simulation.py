@@ -17,6 +17,7 @@ from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.inputs import Base, require_finite, require_pose
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.simulation.energy import kinetic_energy, potential_energy
+from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
 from robot_dynamics.simulation.friction_impulses import separate_friction
 from robot_dynamics.simulation.ground import Ground
 from robot_dynamics.simulation.ground_contact import GroundContact
@@ -103,7 +104,8 @@ class Simulation:
         self.joint_names: tuple[str, ...] = self.dynamics.joint_names
         constraints = RateConstraints(self._plant, self.base, wheels)
         contact = None if ground is None else GroundContact(self._plant, ground)
-        integrator = StepIntegrator(self._plant, constraints, contact, self.step, float(drive_time))
+        equations = EquationsOfMotion(self._plant, constraints, contact, float(drive_time))
+        integrator = StepIntegrator(self._plant, equations, contact, self.step)
         self._stepping = TimeStepping(self._plant, self.base, constraints, friction, integrator, self.step)
         self._initial_state = self._stepping.resting_state()
         self.state = self._initial_state

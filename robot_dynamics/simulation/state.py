@@ -1,11 +1,16 @@
 """State of a simulated robot."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.simulation.constrained_motion import LoopCoordinates
+
+if TYPE_CHECKING:
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
 
 
 @dataclass(frozen=True, eq=False)

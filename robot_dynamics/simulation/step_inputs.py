@@ -1,8 +1,8 @@
-"""Inputs of a step, as the equations of motion take them."""
+"""Inputs of a step and conditions of the derivative, as the equations of motion take them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
@@ -12,6 +12,8 @@ from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import require_finite
 
 if TYPE_CHECKING:
+    from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
     from robot_dynamics.simulation.plant import Plant
     from robot_dynamics.simulation.rate_constraints import BaseType
 
@@ -43,6 +45,29 @@ class StepInputs(NamedTuple):
     drive: Array | None
     motion: JointMotion | None
     is_undisturbed: bool
+
+
+class Conditions(NamedTuple):
+    """Conditions under which the derivative is evaluated.
+
+    Attributes
+    ----------
+    pose : ndarray, shape (4, 4)
+        Pose of the base where the step begins.
+    inputs : StepInputs
+    coordinates : LoopCoordinates or None
+        Of a robot with loops: the coordinates of the rates.
+    direction : ndarray, shape (all joints,), or None
+        Velocities near a singular position of the loops; None elsewhere.
+    local_charts : sequence of LocalAttitudeChart
+        Platforms of which x has a rotation vector in the place of the angles.
+    """
+
+    pose: Array
+    inputs: StepInputs
+    coordinates: LoopCoordinates | None
+    direction: Array | None
+    local_charts: Sequence[LocalAttitudeChart] = ()
 
 
 def build_step_inputs(

@@ -11,20 +11,21 @@ import numpy as np
 from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation.branch import close_on_branch
-from robot_dynamics.simulation.constrained_motion import NEAR_SINGULAR_QUALITY, ConstrainedMotion, LoopCoordinates
-from robot_dynamics.simulation.equations_of_motion import CHART_ORIGIN, Conditions, EquationsOfMotion
+from robot_dynamics.simulation.constrained_motion import NEAR_SINGULAR_QUALITY
 from robot_dynamics.simulation.runge_kutta import increment
-from robot_dynamics.simulation.step_inputs import StepInputs
+from robot_dynamics.simulation.step_inputs import Conditions, StepInputs
 
 if TYPE_CHECKING:
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
+    from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
+    from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
     from robot_dynamics.simulation.ground_contact import GroundContact
     from robot_dynamics.simulation.plant import Plant
-    from robot_dynamics.simulation.rate_constraints import RateConstraints
     from robot_dynamics.simulation.state import SimulationState
 
 logger = logging.getLogger(__name__)
 
+CHART_ORIGIN = np.zeros(6)
 MAX_SUBSTEPS = 256
 """Number of parts into which a step may be divided."""
 ROUNDING_SHARE = 1e-9
@@ -77,26 +78,17 @@ class StepIntegrator:
     Parameters
     ----------
     plant : Plant
-    constraints : RateConstraints
+    equations : EquationsOfMotion
     contact : GroundContact or None
     step : float
         Length of a step [s].
-    drive_time : float
-        Time [s] in which a driven base comes 63 % nearer to its reference twist.
     """
 
-    def __init__(
-        self,
-        plant: Plant,
-        constraints: RateConstraints,
-        contact: GroundContact | None,
-        step: float,
-        drive_time: float,
-    ) -> None:
+    def __init__(self, plant: Plant, equations: EquationsOfMotion, contact: GroundContact | None, step: float) -> None:
         self._plant = plant
+        self._equations = equations
         self._contact = contact
         self._step = step
-        self._equations = EquationsOfMotion(plant, constraints, contact, drive_time)
         self._has_warned = False
 
     def accelerations(

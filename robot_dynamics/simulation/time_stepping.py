@@ -6,18 +6,23 @@ friction acts as impulses, and rates that the wheels forbid are removed.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.simulation.constrained_motion import LoopCoordinates
-from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction, friction_impulses
+from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.momentum import Momentum, momentum, twist_from_momentum
-from robot_dynamics.simulation.plant import Plant
-from robot_dynamics.simulation.rate_constraints import BaseType, RateConstraints
 from robot_dynamics.simulation.rotation import exponential, orthonormalize
 from robot_dynamics.simulation.state import SimulationState
-from robot_dynamics.simulation.step_inputs import StepInputs
-from robot_dynamics.simulation.step_integrator import StepIntegrator
+
+if TYPE_CHECKING:
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
+    from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
+    from robot_dynamics.simulation.plant import Plant
+    from robot_dynamics.simulation.rate_constraints import BaseType, RateConstraints
+    from robot_dynamics.simulation.step_inputs import StepInputs
+    from robot_dynamics.simulation.step_integrator import StepIntegrator
 
 
 class TimeStepping:
