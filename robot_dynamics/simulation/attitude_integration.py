@@ -64,7 +64,7 @@ class AttitudeIntegration:
         """Integration variables (all joints,) at positions q (all joints,) where the local charts begin."""
         if not local_charts:
             return q
-        x = q.copy()
+        x: Array = q.copy()
         for chart in local_charts:
             x[chart.joints] = 0.0
         return x
@@ -73,7 +73,7 @@ class AttitudeIntegration:
         """Positions (all joints,) for integration variables x (all joints,)."""
         if not local_charts:
             return x
-        q = x.copy()
+        q: Array = x.copy()
         for joints, angles in local_charts:
             R = attitude_charts.rotation(angles) @ exponential(x[joints])
             q[joints] = attitude_charts.nearest_angles(R, angles) + self._offset[joints]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -104,7 +104,7 @@ class Plant:
         self.rate_joints = list(coordinates.independent)
         self._use_program("state_derivative", coordinates.independent)
 
-    def _use_program(self, model: str, independent: tuple[int, ...] | None) -> None:
+    def _use_program(self, model: Literal["direct", "state_derivative"], independent: tuple[int, ...] | None) -> None:
         if independent not in self._programs:
             program = self.dynamics.compile(model, wrenches=self.wrench_links, independent=independent)
             outputs = [np.empty(shape) for _, shape in program.interface.outputs]
@@ -214,11 +214,11 @@ class Plant:
 
     def raise_if_singular(self, q: Array, rates: Array, efforts: Array) -> None:
         """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
-        base = {"base": Base(twist=rates[:6])} if self._has_moving_base else {}
+        base = Base(twist=rates[:6]) if self._has_moving_base else None
         if self.loops is not None:
             efforts = efforts[[*self.loops.default_independent]]
         with suppress(InvalidInputError):  # not finite: the caller raises
-            self.dynamics.direct(q, rates[6:], efforts, **base)
+            self.dynamics.direct(q, rates[6:], efforts, base=base)
 
     def _smooth(self, function: Callable[[Array], Array], q: Array) -> Array:
         """function(q), interpolated along the branch at singular positions of loops."""
