@@ -1,1 +1,1 @@
-"""Control of a robot by its dynamics, without ROS: references, the law, the watchdog. Time comes in as a number."""
+"""Control of a robot by its dynamic model, without ROS: references, control laws, watchdog. Time is an argument."""

@@ -1,43 +1,68 @@
-"""Efforts without jumps: where what is wanted jumps, the difference to what was sent goes to zero in a stated time."""
+"""Bumpless transfer: efforts without jumps when the control mode or the model changes."""
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+
 
 class BumplessTransfer:
-    """What is sent follows what is wanted; after `begin` it comes to it along a straight line.
+    """Passes efforts on, within limits; after `start_transition` their jump decays along a straight line.
 
-    size: how many efforts; duration: [s] in which a difference is gone; limits: (size,) what is sent never exceeds.
+    Parameters
+    ----------
+    size : int
+        Number of efforts.
+    duration : float
+        Duration of a transition [s].
+    limits : array_like, shape (size,)
+        Maximum magnitude of each effort [N m or N].
+
+    Attributes
+    ----------
+    duration : float
+    limits : ndarray, shape (size,)
+    last_efforts : ndarray, shape (size,)
+        Efforts of the last update, a buffer.
+    saturated : ndarray of bool, shape (size,)
+        Which of them are at their limits, a buffer.
     """
 
-    def __init__(self, size, duration, limits):
-        self.duration, self.limits = duration, np.array(limits, dtype=float)
+    def __init__(self, size: int, duration: float, limits: ArrayLike) -> None:
+        self.duration = duration
+        self.limits: Array = np.array(limits, dtype=np.float64)
         self.last_efforts = np.zeros(size)
-        self.saturated = np.zeros(size, dtype=bool)
-        self._difference = np.zeros(size)
-        self._begun = self._since = None
-        self._jumps = False
+        self.saturated: BoolArray = np.zeros(size, dtype=np.bool_)
+        self._jump = np.zeros(size)
+        self._transition_start: float | None = None
+        self._requested_start: float | None = None
+        self._is_requested = False
 
-    def start_transition(self, since=None):
-        """Something else is wanted from a time [s] on, the next `send` if None, which may be far from what is sent."""
-        self._jumps, self._since = True, since
+    def start_transition(self, since: float | None = None) -> None:
+        """Start a transition at a time [s]; by default at the next update, whose efforts may jump."""
+        self._is_requested = True
+        self._requested_start = since
 
-    def stop(self):
-        """Send zeros now. What is wanted next is sent at once, unless `begin` says that it jumps."""
-        self.last_efforts[:], self.saturated[:] = 0.0, False
-        self._begun, self._jumps = None, False
+    def stop(self) -> None:
+        """Set all efforts to zero. The next update has no transition unless `start_transition` is called."""
+        self.last_efforts[:] = 0.0
+        self.saturated[:] = False
+        self._transition_start = None
+        self._is_requested = False
 
-    def update(self, now, wanted):
-        """The efforts (size,) to send at a time [s] for those that are wanted. What was given is left as it was."""
-        if self._jumps:
-            self._jumps, self._begun = False, now if self._since is None else self._since
-            np.subtract(self.last_efforts, wanted, out=self._difference)
-        np.copyto(self.last_efforts, wanted)
-        if self._begun is not None:
-            left = 1.0 - (now - self._begun) / self.duration if self.duration > 0 else 0.0
-            if 0.0 < left <= 1.0:
-                self.last_efforts += left * self._difference
+    def update(self, now: float, desired: Array) -> Array:
+        """Efforts (size,) at a time [s] for the desired ones (size,), which are not changed."""
+        if self._is_requested:
+            self._is_requested = False
+            self._transition_start = now if self._requested_start is None else self._requested_start
+            np.subtract(self.last_efforts, desired, out=self._jump)
+        np.copyto(self.last_efforts, desired)
+        if self._transition_start is not None:
+            elapsed = now - self._transition_start
+            remaining = 1.0 - elapsed / self.duration if self.duration > 0 else 0.0
+            if 0.0 < remaining <= 1.0:
+                self.last_efforts += remaining * self._jump
             else:
-                self._begun = None
+                self._transition_start = None
         np.greater(np.abs(self.last_efforts), self.limits, out=self.saturated)
         np.minimum(self.last_efforts, self.limits, out=self.last_efforts)
         np.maximum(self.last_efforts, -self.limits, out=self.last_efforts)

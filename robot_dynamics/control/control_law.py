@@ -1,8 +1,8 @@
-"""Laws of control: efforts from the state of a robot and from a reference, by its inverse model.
+"""Control laws: efforts from the state of a robot and a reference, by its inverse model.
 
 In all of them ID is the inverse model without friction, f the friction of the joints, e = q_d - q, and gains are those
-of the error, [1/s²] and [1/s], the same for heavy joints and light ones (Khalil and Dombre, Modeling, Identification
-and Control of Robots, section 14.4):
+of the error, [1/s²] and [1/s], the same for heavy and light joints (Khalil and Dombre, Modeling, Identification and
+Control of Robots, section 14.4):
 
     gravity_compensation  ID(q, 0, 0)
     damping               ID(q, 0, -K_d q̇)
@@ -10,338 +10,384 @@ and Control of Robots, section 14.4):
     feedforward           ID(q_d, q̇_d, q̈_d) + f(q̇_d)
     computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_f)
 
-The velocity of friction q̇_f is that of the reference, q̇_d, or the measured one, q̇. Where the model is right and no
-effort is at its limit, computed_torque leaves
+The velocity of friction q̇_f is that of the reference, q̇_d, or the measured one, q̇. If the model is exact and no effort
+is at its limit, computed_torque leaves
 
     ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f))
 
-A is the mass matrix of the motors: that of all joints with those eliminated that are not actuated, and a base that
-moves freely. With the measured velocity the right side is zero; but a measured velocity is never quite zero, and the
-sign of Coulomb friction at rest then changes with its noise. With the velocity of the reference the right side does not
-chatter, and takes energy: ėᵀ (f(q̇) - f(q̇_d)) <= 0.
+A is the mass matrix of the controlled joints, with unactuated joints and a base that moves freely eliminated. With the
+measured velocity the right side is zero. But a measured velocity is never exactly zero, and the sign of Coulomb
+friction at rest then changes with its noise. With the velocity of the reference the right side does not chatter, and
+dissipates energy: ėᵀ (f(q̇) - f(q̇_d)) <= 0.
 
-Friction of joints without a motor belongs to ID, at the measured velocity, where it decides how unactuated joints move
-(passive or elastic ones that are part of the state). Where motors and loops place all joints, it is part of f.
+Friction of unactuated joints that are part of the state (passive or elastic ones) belongs to ID, at the measured
+velocity, because it determines their motion. Where motors and loops determine the motion of all joints, it is part of
+f.
 
-Where a motor drives its link through a spring, the reference is that of the link, and q_d that of the motor which
-follows from it (`elastic`); ID takes accelerations of springs from there as well. A is then that of the joints without
-springs, and vibration of the springs adds A⁻¹ A_s (q̈_s - q̈_sd) to the right side, A_s their columns of the mass
-matrix. Positions of springs that are not measured are those of the reference, without a reference those at rest. A base
-and unactuated joints, whose motion is not known ahead, are taken to keep their velocities.
+Where a motor drives its link through a spring, the reference is that of the link. q_d is then the position of the
+motor that follows from it (`deflection_solver`), and so are the accelerations of springs in ID. A is then that of the
+joints without springs. Vibration of the springs adds A⁻¹ A_s (q̈_s - q̈_sd) to the right side, where A_s are their
+columns of the mass matrix. Positions of springs that are not measured are those of the reference, or those at rest
+without a reference. A base and unactuated joints, whose future motion is unknown, are assumed to keep their velocities.
 """
 
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.control.series_elastic_actuators import (
-    DeflectionSolver,
-    find_series_elastic_actuators,
-    with_rigid_actuators,
-)
-from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
+from robot_dynamics.control.law_models import LawModels
+from robot_dynamics.control.link_side import LinkSide
+from robot_dynamics.control.program_positions import ProgramPositions
+from robot_dynamics.control.series_elastic_actuators import find_series_elastic_actuators
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 
-GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY = (
-    "gravity_compensation",
-    "feedforward",
-    "computed_torque",
-    "pd_gravity",
-)
-MODES = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
-NO_REFERENCE_ACTIONS = ("gravity", "damp", "zero")
+if TYPE_CHECKING:
+    from robot_dynamics.control.reference import Reference
+    from robot_dynamics.dynamics import Dynamics
+
+ControlMode: TypeAlias = Literal["gravity_compensation", "feedforward", "computed_torque", "pd_gravity"]
+NoReferenceAction: TypeAlias = Literal["gravity", "damp", "zero"]
+FrictionVelocity: TypeAlias = Literal["reference", "measured"]
+
+GRAVITY: Literal["gravity_compensation"] = "gravity_compensation"
+FEEDFORWARD: Literal["feedforward"] = "feedforward"
+COMPUTED_TORQUE: Literal["computed_torque"] = "computed_torque"
+PD_GRAVITY: Literal["pd_gravity"] = "pd_gravity"
+MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
+NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
+REFERENCE: Literal["reference"] = "reference"
+MEASURED: Literal["measured"] = "measured"
+FRICTION_VELOCITIES: tuple[FrictionVelocity, ...] = (REFERENCE, MEASURED)
+
 TURN = 2 * np.pi
-REFERENCE, MEASURED = FRICTION_VELOCITIES = ("reference", "measured")
-REST_ITERATIONS = 10  # steps in which the deflections of a robot at rest are found
-LIMIT_TOLERANCE = 1e-6  # [rad or m] beyond a limit that is rounding
+LIMIT_TOLERANCE = 1e-6
+"""Rounding [rad or m] by which a reference may exceed the limit of a joint."""
 
 
 class ControlLaw:
-    """The laws for one robot and those of its joints that get efforts.
+    """The control laws of one robot.
 
-    joints: names, in the order of the efforts; those of the robot's other joints that have motors are held by someone
-    else, and are not accelerated. The state, (n,) in the order of dynamics.joint_names, is written into `q` and `qd`;
-    where the robot has loops, seeds of the joints that they place into `looped`, nan where nothing is known. What a
-    moving base does is written into `twist` (6,) and `gravity` (3,), both in the base frame.
+    Parameters
+    ----------
+    dynamics : Dynamics
+    joints : sequence of str
+        Names of the joints that get efforts, in the order of the efforts. Other actuated joints are held by another
+        controller, and do not accelerate.
 
-    Raises QuestionError for joints that cannot be driven.
+    Attributes
+    ----------
+    dynamics : Dynamics
+    joints : tuple of str
+    joint_indices : ndarray, shape (joints,)
+        Indices of the joints in Dynamics.joint_names.
+    q, qd : ndarray, shape (n,)
+        The state of Dynamics.joint_names [rad or m; rad/s or m/s]. The caller writes it into these buffers.
+    dependent_positions : ndarray, shape (dependent joints,)
+        Measured positions of the dependent joints of loops, a buffer to write into; nan where they are unknown.
+    twist, gravity : ndarray, shape (6,) and (3,)
+        Twist of a moving base and gravity, both in the base frame, buffers to write into.
+    elastic_actuators : SeriesElasticActuators
+    error, rate_error : ndarray, shape (joints,)
+        Errors e and ė of the last call with a reference.
+
+    Raises
+    ------
+    InvalidInputError
+        A joint is unknown, dependent, unactuated or named twice, or the spring behind it cannot be compensated.
+    RobotDynamicsError
+        There are no joints.
     """
 
-    def __init__(self, dynamics, joints):
-        self.dynamics, self.joints = dynamics, tuple(joints)
-        self.joint_indices = _rows(dynamics, self.joints)
-        n, robot = len(dynamics.joint_names), dynamics.robot
-        self.q, self.qd = np.zeros(n), np.zeros(n)
+    def __init__(self, dynamics: Dynamics, joints: Sequence[str]) -> None:
+        robot = dynamics.robot
+        self.dynamics = dynamics
+        self.joints = tuple(joints)
+        self.joint_indices = _find_joint_indices(dynamics, self.joints)
+        joint_count = len(dynamics.joint_names)
+        self.q = np.zeros(joint_count)
+        self.qd = np.zeros(joint_count)
         self.dependent_positions = np.full(len(dynamics.dependent_joint_names), np.nan)
-        self.twist, self.gravity = np.zeros(6), np.array(robot.gravity)
-        self._base = [self.twist, self.gravity] if robot.moving_base else []
+        self.twist = np.zeros(6)
+        self.gravity: Array = np.array(robot.gravity)
+        self.error = np.zeros(len(self.joints))
+        self.rate_error = np.zeros(len(self.joints))
         self.elastic_actuators = find_series_elastic_actuators(dynamics, self.joints)
-        smooth, rubbing = self._split(robot)
-        self._inverse = Dynamics(smooth).compile("inverse")
-        self._deflections = self._new_deflections() if len(self.elastic_actuators.springs) else None
-        # finite, but no position that a sensor gives: springs of which no state is known
+        base_state = [self.twist, self.gravity] if robot.moving_base else []
+        self._models = LawModels(dynamics, self.elastic_actuators, base_state)
+        self._positions = ProgramPositions(dynamics)
+        self._link_side: LinkSide | None = None
+        if len(self.elastic_actuators.springs):
+            self._link_side = LinkSide(
+                dynamics, self.joint_indices, self.elastic_actuators, self._models, self._positions, self.q, self.qd
+            )
+        # springs without a measured state have a finite position that no sensor gives
         self._unmeasured = np.nextafter(self.elastic_actuators.rest, np.inf)
         self.q[self.elastic_actuators.springs] = self._unmeasured
-        self._efforts, *self._others = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
-        rubs = any(joint.viscous_friction or joint.coulomb_friction for joint in rubbing.joints)
-        self._friction = Dynamics(rubbing).compile("friction") if rubs else None
-        self._lost = np.zeros(n)
-        self._nothing, self._qd_d, self._qdd = np.zeros(n), np.zeros(n), np.zeros(n)
-        self._places = {name: k for k, name in enumerate(dynamics.all_joint_names)}
-        self._given = [self._places[name] for name in dynamics.joint_names]
-        self._placed = [self._places[name] for name in dynamics.dependent_joint_names]
-        self._numbers = np.array(self._given) if robot.loops else np.arange(n)  # of the joints, in what programs take
-        unactuated = [dynamics.joint_names.index(name) for name in dynamics.unactuated_joint_names]
-        self._unactuated = np.setdiff1d(unactuated, self.elastic_actuators.springs).astype(int)
-        self._loops, self._all, self._all_d = bool(robot.loops), *np.zeros((2, len(robot.joints)))
-        self._all[:] = self._all_d[:] = np.nan
-        free = [robot.joints[self._places[name]] for name in self.joints]
-        self._limits = np.array([[joint.limits.lower, joint.limits.upper] for joint in free]).reshape(-1, 2).T
-        self._turning = np.array([not joint.prismatic for joint in free]) & np.isinf(self._limits).all(axis=0)
-        self._turns = bool(self._turning.any())
-        self.error, self.rate_error = np.zeros((2, len(self.joints)))
+        self._rest_velocities = np.zeros(joint_count)
+        self._reference_velocities = np.zeros(joint_count)
+        self._accelerations = np.zeros(joint_count)
+        controlled = [robot.joints[robot.joint_numbers[name]] for name in self.joints]
+        limits = np.array([[joint.limits.lower, joint.limits.upper] for joint in controlled]).reshape(-1, 2)
+        self._lower_limits, self._upper_limits = limits.T
+        is_unlimited = np.isinf(limits).all(axis=1)
+        self._turns_endlessly: BoolArray = np.array([not joint.prismatic for joint in controlled]) & is_unlimited
+        self._has_endless_joints = bool(self._turns_endlessly.any())
 
     @property
-    def spring_names(self):
+    def spring_names(self) -> tuple[str, ...]:
         """Names of the springs behind controlled motors; their positions need not be measured."""
-        return tuple(self.dynamics.joint_names[number] for number in self.elastic_actuators.springs)
+        return tuple(self.dynamics.joint_names[index] for index in self.elastic_actuators.springs)
 
-    def _split(self, robot):
-        """The robot of the inverse model, and that of the friction which is added to its efforts."""
-        springs = set(self.spring_names)
-        state = set(self.dynamics.unactuated_joint_names) - springs
-        kept = {joint.name for joint in robot.joints if state and not joint.actuated} - springs
-        others = {joint.name for joint in robot.joints} - kept
-        smooth = with_rigid_actuators(_without_friction(robot, others), self.dynamics, self.elastic_actuators)
-        return smooth, _without_friction(robot, kept | springs)
+    def continue_from(self, before: ControlLaw) -> None:
+        """Take over the state of the law that was in use before, as far as both have the same joints.
 
-    def _new_deflections(self):
-        return DeflectionSolver(self.elastic_actuators, self._link_side, self._spring_loads, len(self.joints))
-
-    def continue_from(self, before):
-        """Take over the state from the Law of the same joints that was in use before, as far as both have the same."""
-        for old, new in ((before.q, self.q), (before.qd, self.qd), (before.dependent_positions, self.dependent_positions),
-                         (before._all, self._all), (before._all_d, self._all_d)):  # fmt: skip
-            if len(old) == len(new):
-                new[:] = old
+        Parameters
+        ----------
+        before : ControlLaw
+            A law of the same controlled joints.
+        """
+        _copy_if_same_length(before.q, self.q)
+        _copy_if_same_length(before.qd, self.qd)
+        _copy_if_same_length(before.dependent_positions, self.dependent_positions)
+        self._positions.continue_from(before._positions)
         if self.spring_names == before.spring_names:
             springs = self.elastic_actuators.springs
             self.q[springs] = np.where(before.q[springs] == before._unmeasured, self._unmeasured, self.q[springs])
-        if self._deflections is not None and before._deflections is not None:
-            self._deflections.continue_from(before._deflections)
+        if self._link_side is not None and before._link_side is not None:
+            self._link_side.solver.continue_from(before._link_side.solver)
         if self.dynamics.robot.moving_base:
-            self.twist[:], self.gravity[:] = before.twist, before.gravity
+            self.twist[:] = before.twist
+            self.gravity[:] = before.gravity
 
-    def check_within_limits(self, positions):
-        """Refuse positions (N, joints) of points that are beyond the limits of joints. Raises QuestionError."""
-        lower, upper = self._limits
-        beyond = np.argwhere((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE))
-        if len(beyond):
-            point, place = beyond[0]
+    def check_within_limits(self, positions: ArrayLike) -> None:
+        """Check that reference positions are within the limits of the joints.
+
+        Parameters
+        ----------
+        positions : array_like, shape (N, joints)
+            [rad or m]
+
+        Raises
+        ------
+        InvalidInputError
+            A position exceeds a limit.
+        """
+        positions = np.asarray(positions)
+        lower, upper = self._lower_limits, self._upper_limits
+        outside = np.argwhere((positions < lower - LIMIT_TOLERANCE) | (positions > upper + LIMIT_TOLERANCE))
+        if len(outside):
+            point, joint = outside[0]
             raise InvalidInputError(
-                f"points[{point}].positions has {positions[point, place]:.6g} for {self.joints[place]!r}: the robot's "
-                f"description limits it to {lower[place]:.6g} to {upper[place]:.6g}"
+                f"points[{point}].positions has {positions[point, joint]:.6g} for {self.joints[joint]!r}: the robot's "
+                f"description limits it to {lower[joint]:.6g} to {upper[joint]:.6g}"
             )
 
-    def sample_reference(self, followed, time, reference):
-        """Write into reference (3, joints) what the joints should do at a time [s] to follow what is `followed`."""
-        if self._deflections is None:
-            followed.sample(time, reference)
-        else:
-            self._deflections.compute_motor_reference(followed, time, reference)
-            self._qd_d[self.elastic_actuators.springs] = self._deflections.motion[1]
+    def sample_reference(self, source: Reference, time: float, out: Array) -> None:
+        """Sample a reference of the links as one of the controlled joints.
 
-    def link_motion(self):
-        """(2, joints) where the links are that references are of, and how they move.
+        Parameters
+        ----------
+        source : Reference
+            Trajectory or ReferencePoint of the links.
+        time : float
+            [s]
+        out : ndarray, shape (3, joints)
+            Positions, velocities and accelerations of the controlled joints, written.
 
-        Beyond elastic gears that is the motor and the deflection of its spring: as measured, else as a robot at rest
-        has it where its motors are.
+        Raises
+        ------
+        RobotDynamicsError
+            No motion of a motor gives its link the desired motion.
         """
-        here = np.stack([self.q[self.joint_indices], self.qd[self.joint_indices]])
-        if self._deflections is None:
-            return here
-        elastic_actuators = self.elastic_actuators
-        measured, motors = (
-            self.q[elastic_actuators.springs] != self._unmeasured,
-            here[0, elastic_actuators.motors].copy(),
-        )
-        deflections = np.where(measured, self.q[elastic_actuators.springs] - elastic_actuators.rest, 0.0)
-        here[1, elastic_actuators.motors] += np.where(measured, self.qd[elastic_actuators.springs], 0.0)
-        samples = np.zeros((1, 3, len(self.joints)))
-        for _ in range(0 if measured.all() else REST_ITERATIONS):
-            samples[0, 0] = here[0]
-            samples[0, 0, elastic_actuators.motors] = motors + deflections
-            held = np.zeros((1, 3, len(motors)))
-            held[0, 0] = deflections
-            loads = self._spring_loads(self._link_side(samples), samples, held)[0]
-            deflections = np.where(measured, deflections, -loads / elastic_actuators.stiffness)
-        here[0, elastic_actuators.motors] = motors + deflections
-        return here
+        if self._link_side is None:
+            source.sample(time, out)
+        else:
+            solver = self._link_side.solver
+            solver.compute_motor_reference(source, time, out)
+            self._reference_velocities[self.elastic_actuators.springs] = solver.motion[1]
 
-    def gravity_compensation(self, out):
-        """Efforts into out: those that hold the robot where it is."""
-        self._run(self._positions(), self._nothing, None, out)
+    def link_motion(self) -> Array:
+        """Positions and velocities of the links that references are given for.
 
-    def damping(self, kd, out):
-        """Efforts into out: gravity, and braking at the rate kd [1/s]."""
-        self._run(self._positions(), self._nothing, -kd * self.qd[self.joint_indices], out)
+        Returns
+        -------
+        ndarray, shape (2, joints)
+            Beyond elastic gears those of the motor plus the deflection of its spring; where it is not measured, that of
+            a robot at rest at the positions of its motors.
+        """
+        if self._link_side is None:
+            return np.stack([self.q[self.joint_indices], self.qd[self.joint_indices]])
+        return self._link_side.link_motion(self._measured_springs(self.q))
 
-    def pd_gravity(self, reference, kp, kd, out):
-        """Efforts into out for a reference (3, joints): gravity, and gains that see the inertia of the robot."""
-        self._compare(reference)
-        self._run(self._positions(), self._nothing, kp * self.error + kd * self.rate_error, out)
+    def gravity_compensation(self, out: Array) -> None:
+        """Efforts that hold the robot at its position.
 
-    def feedforward(self, reference, out):
-        """Efforts into out for a reference: those of the motion that it wants, whatever the state is."""
-        self._compare(reference)
+        Parameters
+        ----------
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        """
+        self._write_efforts(self._measured_positions(self.q), self._rest_velocities, 0.0, out)
+
+    def damping(self, kd: Array | float, out: Array) -> None:
+        """Efforts that compensate gravity and brake the robot.
+
+        Parameters
+        ----------
+        kd : ndarray, shape (joints,), or float
+            Rate at which velocities decay [1/s].
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        """
+        accelerations = -kd * self.qd[self.joint_indices]
+        self._write_efforts(self._measured_positions(self.q), self._rest_velocities, accelerations, out)
+
+    def pd_gravity(self, reference: Array, kp: Array | float, kd: Array | float, out: Array) -> None:
+        """Efforts that compensate gravity and correct the error, with gains weighted by the inertia of the robot.
+
+        Parameters
+        ----------
+        reference : ndarray, shape (3, joints)
+            Positions, velocities and accelerations of the controlled joints.
+        kp, kd : ndarray, shape (joints,), or float
+            Gains [1/s²] and [1/s].
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        """
+        self._compute_errors(reference)
+        accelerations = kp * self.error + kd * self.rate_error
+        self._write_efforts(self._measured_positions(self.q), self._rest_velocities, accelerations, out)
+
+    def feedforward(self, reference: Array, out: Array) -> None:
+        """Efforts of the reference motion, whatever the state is.
+
+        Parameters
+        ----------
+        reference : ndarray, shape (3, joints)
+            Positions, velocities and accelerations of the controlled joints.
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        """
+        self._compute_errors(reference)
         q = self.q.copy()
         q[self.joint_indices] = reference[0]
-        if self._deflections is not None:
-            q[self.elastic_actuators.springs] = self._deflections.motion[0]
-        self._wanted(reference)
-        self._run(self._closed(q, self._all_d), self._qd_d, reference[2], out, moving=True)
-        self._add_friction(out, self._qd_d)
+        if self._link_side is not None:
+            q[self.elastic_actuators.springs] = self._link_side.solver.motion[0]
+        velocities = self._reference_velocities
+        velocities[self.joint_indices] = reference[1]
+        positions = self._positions.at_reference(q)
+        self._write_efforts(positions, velocities, reference[2], out, springs_accelerate=True)
+        self._add_friction(positions, velocities, out)
 
-    def computed_torque(self, reference, kp, kd, out, friction_velocity=REFERENCE):
-        """Efforts into out for a reference: ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f)) if the model is right.
+    def computed_torque(
+        self,
+        reference: Array,
+        kp: Array | float,
+        kd: Array | float,
+        out: Array,
+        friction_velocity: FrictionVelocity = REFERENCE,
+    ) -> None:
+        """Efforts that linearize the dynamics: ë + K_d ė + K_p e = A(q)⁻¹ (f(q̇) - f(q̇_f)) if the model is exact.
 
-        friction_velocity: `reference` or `measured`, the velocity q̇_f of which friction is compensated.
+        Parameters
+        ----------
+        reference : ndarray, shape (3, joints)
+            Positions, velocities and accelerations of the controlled joints.
+        kp, kd : ndarray, shape (joints,), or float
+            Gains [1/s²] and [1/s].
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        friction_velocity : {"reference", "measured"}
+            The velocity q̇_f at which friction is compensated.
         """
-        self._compare(reference)
-        self._wanted(reference)
-        wanted = reference[2] + kp * self.error + kd * self.rate_error
-        q, qd = self._with_springs()
-        self._run(self._positions(q), qd, wanted, out, moving=True)
-        self._add_friction(out, qd if friction_velocity == MEASURED else self._qd_d)
+        self._compute_errors(reference)
+        self._reference_velocities[self.joint_indices] = reference[1]
+        accelerations = reference[2] + kp * self.error + kd * self.rate_error
+        q, qd = self._state_with_springs()
+        positions = self._measured_positions(q)
+        self._write_efforts(positions, qd, accelerations, out, springs_accelerate=True)
+        self._add_friction(positions, qd if friction_velocity == MEASURED else self._reference_velocities, out)
 
-    def _compare(self, reference):
-        """Errors of the state from a reference; joints without limits are where they are after whole turns too."""
+    def _compute_errors(self, reference: Array) -> None:
+        """Errors of the state from a reference (3, joints), without whole turns of joints that turn endlessly."""
         np.subtract(reference[0], self.q[self.joint_indices], out=self.error)
         np.subtract(reference[1], self.qd[self.joint_indices], out=self.rate_error)
-        if self._turns:
-            self.error -= np.where(self._turning, TURN * np.rint(self.error / TURN), 0.0)
+        if self._has_endless_joints:
+            self.error -= np.where(self._turns_endlessly, TURN * np.rint(self.error / TURN), 0.0)
 
-    def _wanted(self, reference):
-        self._qd_d[self.joint_indices] = reference[1]
+    def _measured_springs(self, q: Array) -> BoolArray:
+        """Whether the position of each spring is measured (springs,)."""
+        is_measured: BoolArray = q[self.elastic_actuators.springs] != self._unmeasured
+        return is_measured
 
-    def _with_springs(self):
-        """(q, qd) of the state, in which springs that are not measured move as the reference has them."""
-        if self._deflections is None:
+    def _state_with_springs(self) -> tuple[Array, Array]:
+        """Positions and velocities (n,) of the state; springs that are not measured move as in the reference."""
+        if self._link_side is None:
             return self.q, self.qd
-        q, qd, springs, motion = self.q.copy(), self.qd.copy(), self.elastic_actuators.springs, self._deflections.motion
-        measured = q[springs] != self._unmeasured
-        q[springs] = np.where(measured, q[springs], motion[0])
-        qd[springs] = np.where(measured, qd[springs], motion[1])
+        springs, motion = self.elastic_actuators.springs, self._link_side.solver.motion
+        q, qd = self.q.copy(), self.qd.copy()
+        is_measured = self._measured_springs(q)
+        q[springs] = np.where(is_measured, q[springs], motion[0])
+        qd[springs] = np.where(is_measured, qd[springs], motion[1])
         return q, qd
 
-    def _positions(self, q=None):
-        """What programs take as q at the state, or at q (n,)."""
-        q = self.q if q is None else q
-        if not self._loops:
-            return q
-        heard = np.isfinite(self.dependent_positions)
-        self._all[self._placed] = np.where(heard, self.dependent_positions, self._all[self._placed])
-        return self._closed(q, self._all)
+    def _measured_positions(self, q: Array) -> Array:
+        """Program positions at measured positions q (n,)."""
+        return self._positions.at_state(q, self.dependent_positions)
 
-    def _closed(self, q, near):
-        """What programs take as q for (n,): where there are loops they are closed from `near`, where that goes on."""
-        if not self._loops:
-            return q
-        near[self._given] = q
-        near[:] = self.dynamics.expand_positions(near)
-        return near
+    def _write_efforts(
+        self,
+        positions: Array,
+        velocities: Array,
+        accelerations: Array | float,
+        out: Array,
+        springs_accelerate: bool = False,
+    ) -> None:
+        """Write the efforts for accelerations (joints,) of the controlled joints.
 
-    def _link_side(self, samples):
-        """What programs take as q, one row for each of samples (nodes, 3, joints) of the links; springs are at rest."""
-        q = np.tile(self.q, (len(samples), 1))
-        q[:, self.joint_indices], q[:, self.elastic_actuators.springs] = samples[:, 0], self.elastic_actuators.rest
-        if not self._loops:
-            return q
-        found = np.empty((len(q), len(self._all_d)))
-        for node, positions in enumerate(q):
-            # the same positions are closed once: what stands still has no rates then, to the last digit
-            same = node and np.array_equal(positions, q[node - 1])
-            found[node] = found[node - 1] if same else self._closed(positions, self._all_d)
-        return found
-
-    def _spring_loads(self, positions, samples, deflections):
-        """(nodes, springs) the rows of the springs in the inverse model, for motions of the links.
-
-        positions: of `_link_side`; samples: (nodes, 3, joints); deflections: (nodes, 3, springs) of the springs, by
-        which the motors are behind. Other joints stay where they are, and unactuated ones keep their velocities.
+        positions: program positions; velocities: (n,); springs_accelerate: whether springs accelerate as in the
+        reference.
         """
-        elastic_actuators, motors, springs = (
-            self.elastic_actuators,
-            self.joint_indices[self.elastic_actuators.motors],
-            self.elastic_actuators.springs,
-        )
-        rates, accelerations = np.zeros((2, len(samples), len(self.q)))
-        rates[:, self._unactuated] = self.qd[self._unactuated]
-        rates[:, self.joint_indices], accelerations[:, self.joint_indices] = samples[:, 1], samples[:, 2]
-        link_rates = rates.copy()  # those of the passive joints of loops, to the last digit
-        positions, places = positions.copy(), self._numbers
-        for values, motor, spring, by in ((positions, places[motors], places[springs], deflections[:, 0]),
-                                          (rates, motors, springs, deflections[:, 1]),
-                                          (accelerations, motors, springs, deflections[:, 2])):  # fmt: skip
-            values[:, motor] -= by
-            values[:, spring] += by
-        if self._loops and not elastic_actuators.has_unbranched_motor_links:
-            positions = np.array([self._closed(q[self._given], self._all_d).copy() for q in positions])
-            link_rates = rates
-        loads = np.empty((len(samples), len(springs)))
-        for node, q in enumerate(positions):
-            self._inverse.evaluate(q, rates[node], accelerations[node], *self._base, self._efforts, *self._others)
-            loads[node] = self._efforts[springs]
-            if self._loops and self._friction is not None:
-                self._friction.evaluate(q, link_rates[node], self._lost)
-                loads[node] += self._lost[springs]
-        return loads
+        self._accelerations[self.joint_indices] = accelerations
+        if self._link_side is not None:
+            springs = self.elastic_actuators.springs
+            self._accelerations[springs] = self._link_side.solver.motion[2] if springs_accelerate else 0.0
+        efforts = self._models.inverse(positions, velocities, self._accelerations)
+        np.take(efforts, self.joint_indices, out=out, mode="clip")
 
-    def _run(self, q, qd, accelerations, out=None, moving=False):
-        """Efforts into out for accelerations of the joints that get them, None for zero.
-
-        moving: whether springs of gears accelerate as the reference has it.
-        """
-        self._qdd[self.joint_indices] = 0.0 if accelerations is None else accelerations
-        if self._deflections is not None:
-            self._qdd[self.elastic_actuators.springs] = self._deflections.motion[2] if moving else 0.0
-        self._inverse.evaluate(q, qd, self._qdd, *self._base, self._efforts, *self._others)
-        if out is not None:
-            np.take(self._efforts, self.joint_indices, out=out, mode="clip")
-            self._q = q
-
-    def _add_friction(self, out, rates):
-        if self._friction is not None:
-            self._friction.evaluate(self._q, rates, self._lost)
-            out += self._lost[self.joint_indices]
+    def _add_friction(self, positions: Array, velocities: Array, out: Array) -> None:
+        """Add friction at velocities (n,) to the efforts."""
+        friction = self._models.friction(positions, velocities)
+        if friction is not None:
+            out += friction[self.joint_indices]
 
 
-def _rows(dynamics, joints):
-    """Numbers in dynamics.joint_names of the joints that get efforts."""
-    places = {name: k for k, name in enumerate(dynamics.joint_names)}
-    for name in joints:
-        if name not in dynamics.robot.joint_numbers:
-            raise InvalidInputError(f"parameter joints: {describe_unknown_name('joint', name, dynamics.joint_names)}")
-        if name not in places:
-            raise InvalidInputError(f"parameter joints: {name!r} depends on other joints: leave it out")
-        if name in dynamics.unactuated_joint_names:
-            raise InvalidInputError(f"parameter joints: no motor drives {name!r}: leave it out")
-    if len(set(joints)) < len(joints):
-        raise InvalidInputError("parameter joints: a joint is named more than once")
-    if not joints:
-        raise RobotDynamicsError(f"{dynamics.robot.name!r} has no joint with a motor: there is nothing to control")
-    return np.array([places[name] for name in joints], dtype=int)
-
-
-def actuated_joint_names(dynamics):
-    """Names of the joints that have motors, in the order of the description."""
+def actuated_joint_names(dynamics: Dynamics) -> tuple[str, ...]:
+    """Names of the actuated joints, in the order of the description."""
     return tuple(name for name in dynamics.joint_names if name not in dynamics.unactuated_joint_names)
 
 
-def _without_friction(robot, names):
-    """The robot in which some joints have no friction."""
-    joints = [
-        replace(joint, viscous_friction=0.0, coulomb_friction=0.0) if joint.name in names else joint
-        for joint in robot.joints
-    ]
-    return replace(robot, joints=tuple(joints))
+def _find_joint_indices(dynamics: Dynamics, joints: Sequence[str]) -> IntArray:
+    """Indices in Dynamics.joint_names of the joints that get efforts, checked."""
+    indices = {name: index for index, name in enumerate(dynamics.joint_names)}
+    for name in joints:
+        if name not in dynamics.robot.joint_numbers:
+            raise InvalidInputError(f"parameter joints: {describe_unknown_name('joint', name, dynamics.joint_names)}")
+        if name not in indices:
+            raise InvalidInputError(f"parameter joints: {name!r} depends on other joints: leave it out")
+        if name in dynamics.unactuated_joint_names:
+            raise InvalidInputError(f"parameter joints: {name!r} has no motor: leave it out")
+    if len(set(joints)) < len(joints):
+        raise InvalidInputError("parameter joints: a joint is named more than once")
+    if not joints:
+        raise RobotDynamicsError(f"{dynamics.robot.name!r} has no actuated joint: there is nothing to control")
+    return np.array([indices[name] for name in joints], dtype=np.intp)
+
+
+def _copy_if_same_length(source: Array, target: Array) -> None:
+    if len(source) == len(target):
+        target[:] = source

@@ -1,12 +1,23 @@
-"""The controller: a law, a reference and a watchdog, whose efforts never jump and never exceed their limits."""
+"""The controller: a control law, a reference and a watchdog. Its efforts never jump and never exceed their limits."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
-from robot_dynamics.control.control_law import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
+from robot_dynamics.control.control_law import (
+    COMPUTED_TORQUE,
+    FEEDFORWARD,
+    GRAVITY,
+    PD_GRAVITY,
+    REFERENCE,
+    ControlLaw,
+    ControlMode,
+    FrictionVelocity,
+    NoReferenceAction,
+)
 from robot_dynamics.control.reference import ReferencePoint, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
@@ -14,219 +25,380 @@ from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 
 @dataclass(frozen=True)
 class Settings:
-    """What the parameters say of the controller of some joints.
+    """Settings of the controller of some joints.
 
-    kp: (joints,) [1/s²]; kd: (joints,) [1/s]; limits: (joints,) efforts [N m or N]; times in s. friction_velocity:
-    of which computed_torque compensates the friction, `reference` or `measured`.
+    Parameters
+    ----------
+    mode : {"gravity_compensation", "feedforward", "computed_torque", "pd_gravity"}
+        Control law.
+    kp, kd : ndarray, shape (joints,)
+        Gains of the position error [1/s²] and of the velocity error [1/s].
+    limits : ndarray, shape (joints,)
+        Maximum magnitude of the efforts [N m or N].
+    without_reference : {"gravity", "damp", "zero"}
+        Efforts without a reference: gravity compensation, gravity compensation and damping, or zero.
+    state_timeout : float
+        Age at which a state is stale [s].
+    reference_timeout : float
+        Duration for which a point of a stream is valid [s].
+    ramp_time : float
+        Duration of transitions, and of the decay of the efforts to zero after a fault [s].
+    deadline : float
+        Latency from a state to its efforts that is late [s].
+    deadline_misses : int
+        Number of late efforts in a row that are a fault.
+    friction_velocity : {"reference", "measured"}
+        Velocity at which computed_torque compensates friction.
     """
 
-    mode: str
-    kp: np.ndarray
-    kd: np.ndarray
-    limits: np.ndarray
-    without_reference: str = "damp"
+    mode: ControlMode
+    kp: Array
+    kd: Array
+    limits: Array
+    without_reference: NoReferenceAction = "damp"
     state_timeout: float = 0.02
     reference_timeout: float = 0.1
     ramp_time: float = 0.1
     deadline: float = 0.005
     deadline_misses: int = 10
-    friction_velocity: str = REFERENCE
+    friction_velocity: FrictionVelocity = REFERENCE
 
 
 class Controller:
-    """Efforts for a Law from states that come at times `now` [s], and what is wrong when there are none.
+    """Computes efforts for states that arrive at times [s], and the reason of a fault where they do not.
 
-    The state is written into the arrays of `law`; then `step` is called, or `refuse` where it cannot be used; `tick`
-    in between. Each gives the efforts to send, (joints,), in a buffer that the next call writes into.
+    Write the state into the arrays of `law`, then call `step`, or `reject_state` where it cannot be used. Call `tick`
+    in between. Each returns the efforts to send (joints,), in a buffer that the next call overwrites.
 
-    Where the state is not known, efforts go to zero in ramp_time; where it is, but no reference, as without_reference
-    says. After a fault that lasted longer than ramp_time the reference is dropped: the robot has moved meanwhile, and
-    where it should be then is not for the controller to say. A fault lasts from when the state became stale, also where
-    this process stood still and noticed it later.
+    Parameters
+    ----------
+    law : ControlLaw
+    settings : Settings
+
+    Attributes
+    ----------
+    law : ControlLaw
+    settings : Settings
+    watchdog : Watchdog
+    reference : ndarray, shape (3, joints)
+        Positions, velocities and accelerations of the controlled joints at the last step with a reference.
+    fault : str
+        Reason of the present fault; empty without a fault.
+    activity : str
+        The control mode in use, "fault", or "no reference: " and the action.
+
+    Notes
+    -----
+    Without a usable state the efforts decay to zero in `ramp_time`. With a state but without a reference they are those
+    of `without_reference`. After a fault longer than `ramp_time` the reference is dropped: the robot has moved in the
+    meantime, and the controller does not decide where it should be then. A fault begins when the state becomes stale,
+    also where the process stalls and detects it later.
     """
 
-    def __init__(self, law, settings):
+    def __init__(self, law: ControlLaw, settings: Settings) -> None:
+        joint_count = len(law.joints)
         self.law = law
+        self.settings = settings
         self.watchdog = Watchdog(settings.state_timeout, settings.deadline, settings.deadline_misses)
-        self._blend = BumplessTransfer(len(law.joints), settings.ramp_time, settings.limits)
-        self.reference = np.zeros((3, len(law.joints)))
-        self._target, self._zero = np.zeros((2, len(law.joints)))
-        self._followed, self._dropped, self._taken_at = None, "no reference yet", -math.inf
-        self._regime = None
-        self.fault, self.activity, self.settings = "", "", settings
+        self.reference = np.zeros((3, joint_count))
+        self.fault = ""
+        self.activity = ""
+        self._transfer = BumplessTransfer(joint_count, settings.ramp_time, settings.limits)
+        self._desired_efforts = np.zeros(joint_count)
+        self._zero_efforts = np.zeros(joint_count)
+        self._source: Trajectory | ReferencePoint | None = None
+        self._source_time = -math.inf  # [s] at which the reference came
+        self._missing_reason = "no reference yet"
+        self._active_regime: str | None = None  # what the efforts follow, without a transition
 
-    def apply(self, settings):
-        """Take other settings; efforts go over to what they want without a jump."""
+    def apply(self, settings: Settings) -> None:
+        """Use other settings; the efforts change without a jump.
+
+        Parameters
+        ----------
+        settings : Settings
+        """
         if settings.mode != self.settings.mode:
             self.watchdog.clear_latch()
         self.settings = settings
-        self.watchdog.timeout, self.watchdog.deadline = settings.state_timeout, settings.deadline
+        self.watchdog.timeout = settings.state_timeout
+        self.watchdog.deadline = settings.deadline
         self.watchdog.max_misses = settings.deadline_misses
-        self._blend.duration, self._blend.limits = settings.ramp_time, np.array(settings.limits, dtype=float)
-        self._regime = None
+        self._transfer.duration = settings.ramp_time
+        self._transfer.limits = np.array(settings.limits, dtype=np.float64)
+        self._active_regime = None
 
-    def replace_law(self, law):
-        """Go on with a Law of the same joints: another payload, or another description."""
+    def replace_law(self, law: ControlLaw) -> None:
+        """Use another law, as for another payload or description; the efforts change without a jump.
+
+        Parameters
+        ----------
+        law : ControlLaw
+            A law of the same joints.
+        """
         law.continue_from(self.law)
-        self.law, self._regime = law, None
+        self.law = law
+        self._active_regime = None
 
-    def restart(self):
-        """As if it had just been made: nothing heard, no reference, no efforts."""
+    def restart(self) -> None:
+        """Return to the initial condition: no states, no reference, no efforts."""
         self.watchdog.clear_latch()
         self.watchdog.restart()
-        self._blend.last_efforts[:] = 0.0
-        self._followed, self._dropped, self._regime = None, "no reference yet", None
-        self.fault, self.activity = "", ""
+        self._transfer.last_efforts[:] = 0.0
+        self._source = None
+        self._missing_reason = "no reference yet"
+        self._active_regime = None
+        self.fault = ""
+        self.activity = ""
 
     @property
-    def last_efforts(self):
-        """The efforts that were sent last (joints,)."""
-        return self._blend.last_efforts
+    def last_efforts(self) -> Array:
+        """The last efforts (joints,)."""
+        return self._transfer.last_efforts
 
     @property
-    def saturated(self):
-        """Which of them are at their limits (joints,)."""
-        return self._blend.saturated
+    def saturated(self) -> BoolArray:
+        """Which of the last efforts are at their limits (joints,)."""
+        return self._transfer.saturated
 
     @property
-    def no_reference_reason(self):
-        """Why there is no reference, empty where there is one."""
-        return "" if self._followed is not None else self._dropped
+    def no_reference_reason(self) -> str:
+        """Why there is no reference; empty where there is one."""
+        return "" if self._source is not None else self._missing_reason
 
-    def follow_trajectory(self, now, start, times, points):
-        """Take a trajectory: times (N,) [s] of its points after `start`, points: (3, N, joints), nan where not told.
+    def follow_trajectory(self, now: float, start: float, times: ArrayLike, points: Array) -> None:
+        """Follow a trajectory from now on.
 
-        Where it begins later than now, it is reached from the reference that there is, else from where the robot is. No
-        points end what is followed. Raises QuestionError where it cannot be followed, as beyond the limits of joints;
-        the one before stays then.
+        Parameters
+        ----------
+        now : float
+            [s]
+        start : float
+            Time at which the trajectory starts [s].
+        times : array_like, shape (N,)
+            Times of the points after the start [s]. Without points the present reference ends.
+        points : ndarray, shape (3, N, joints)
+            Positions, velocities and accelerations of the links; nan where they are not specified.
+
+        Raises
+        ------
+        InvalidInputError
+            The trajectory cannot be followed: it is over, a position exceeds a limit, or the present position is
+            unknown. The reference before it remains.
+
+        Notes
+        -----
+        Where the trajectory starts later than now, it is reached from the present reference, or from the position of
+        the robot.
         """
+        times = np.asarray(times, dtype=np.float64)
         if len(times) == 0:
-            self._followed, self._dropped = None, "the reference was ended"
+            self._source = None
+            self._missing_reason = "the reference was ended"
             return
-        check_points(np.asarray(times, dtype=float), *points[:2])  # before a point comes in front of them
+        check_points(times, *points[:2])  # before a point is prepended
         self.law.check_within_limits(points[0])
-        times = np.asarray(times, dtype=float) + start
+        times = times + start
         if times[-1] < now:
             raise InvalidInputError(
                 f"the trajectory ended {now - times[-1]:.3f} s ago: header.stamp is when it starts, zero for now"
             )
         if times[0] > now:
             times = np.concatenate([[now], times])
-            points = np.concatenate([self._from_here(now, points[:, 0])[:, None], points], axis=1)
-        self._take(now, Trajectory(times, *points))
+            points = np.concatenate([self._present_point(now, points[:, 0])[:, None], points], axis=1)
+        self._set_source(now, Trajectory(times, *points))
 
-    def _from_here(self, now, first):
-        """(3, joints): where the reference is, or else the robot, with as many derivatives as the first point tells."""
-        here, law = np.zeros((3, len(self.law.joints))), self.law
-        if self._followed is not None and self.watchdog.faulted_since is None:
-            self._followed.sample(now, here)
+    def _present_point(self, now: float, first_point: Array) -> Array:
+        """Point (3, joints) of the present reference, or of the robot, with the derivatives of the first point."""
+        point = np.zeros((3, len(self.law.joints)))
+        if self._source is not None and self.watchdog.faulted_since is None:
+            self._source.sample(now, point)
         elif self.watchdog.last_state_time is None:
             raise InvalidInputError(
-                "there is no state yet, from which to go to the first point. A trajectory whose first point has "
+                "there is no state yet, from which to move to the first point. A trajectory whose first point has "
                 "time_from_start 0 needs none"
             )
         else:
-            here[:2] = law.link_motion()
-        return np.where(np.isnan(first), np.nan, here)
+            point[:2] = self.law.link_motion()
+        return np.where(np.isnan(first_point), np.nan, point)
 
-    def track_point(self, now, time, told):
-        """Take one point of a stream: told (3, joints) at a time. Raises QuestionError where it is too old, or beyond
-        the limits of joints."""
-        lasts = self.settings.reference_timeout
-        if now - time > lasts:
-            raise InvalidInputError(f"the point is {now - time:.3f} s old, and a point counts for {lasts:g} s")
-        self.law.check_within_limits(told[:1])
-        self._take(now, ReferencePoint(time, told, lasts))
+    def track_point(self, now: float, time: float, values: ArrayLike) -> None:
+        """Track one point of a stream from now on.
 
-    def _take(self, now, reference):
-        self._followed, self._taken_at = reference, now
+        Parameters
+        ----------
+        now : float
+            [s]
+        time : float
+            Time of the point [s].
+        values : array_like, shape (3, joints)
+            Positions, velocities and accelerations of the links.
+
+        Raises
+        ------
+        InvalidInputError
+            The point is too old, or a position exceeds a limit. The reference before it remains.
+        """
+        lifetime = self.settings.reference_timeout
+        if now - time > lifetime:
+            raise InvalidInputError(f"the point is {now - time:.3f} s old, a point is valid for {lifetime:g} s")
+        self.law.check_within_limits(np.asarray(values)[:1])
+        self._set_source(now, ReferencePoint(time, values, lifetime))
+
+    def _set_source(self, now: float, source: Trajectory | ReferencePoint) -> None:
+        self._source = source
+        self._source_time = now
         self.watchdog.clear_latch()
 
-    @np.errstate(all="ignore")  # what is not finite is a fault
-    def step(self, now, time=None, published=None):
-        """The state is that of `time` [s] and was published at `published` [s], both now if None: efforts (joints,)."""
-        law, time = self.law, now if time is None else time
-        # a sum is finite where all its numbers are, and one number is quicker to look at than many
+    @np.errstate(all="ignore")  # numbers that are not finite are a fault
+    def step(self, now: float, time: float | None = None, published: float | None = None) -> Array:
+        """Efforts for a state in the arrays of the law.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        time, published : float, optional
+            Times of the state and of its publication [s]; by default now.
+
+        Returns
+        -------
+        ndarray, shape (joints,)
+            Efforts to send [N m or N], a buffer.
+        """
+        law = self.law
+        # a sum is finite where all its terms are, and one number is checked faster than many
         if not math.isfinite(law.q.dot(law.q) + law.qd.dot(law.qd)):
-            return self.reject_state(now, _not_finite(law))
+            return self.reject_state(now, _describe_not_finite(law))
         self.watchdog.check_clock(now)
         self.watchdog.accept_state(now if published is None else published)
-        return self._efforts(now, time)
+        return self._compute_efforts(now, now if time is None else time)
 
-    def reject_state(self, now, reason):
-        """A state came that cannot be used: efforts on the way to zero."""
+    def reject_state(self, now: float, reason: str) -> Array:
+        """Efforts that decay to zero, for a state that cannot be used.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        reason : str
+
+        Returns
+        -------
+        ndarray, shape (joints,)
+            Efforts to send [N m or N], a buffer.
+        """
         self.watchdog.check_clock(now)
         self.watchdog.reject_state(reason)
-        return self._efforts(now, now)
+        return self._compute_efforts(now, now)
 
-    def handle_overdue_efforts(self, now):
-        """The efforts of the last call could not be sent in time: efforts on the way to zero in their place."""
+    def handle_overdue_efforts(self, now: float) -> Array:
+        """Efforts that decay to zero, in the place of efforts that could not be sent in time.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (joints,)
+            Efforts to send [N m or N], a buffer.
+        """
         self.watchdog.check_clock(now)
         if not self.watchdog.fault(now):
             self.watchdog.reject_state("efforts were ready later than state_timeout after their state")
-        return self._efforts(now, now)
+        return self._compute_efforts(now, now)
 
-    def halt(self, reason):
-        """Efforts of zero at once, and from then on until a good state: time stands still, and no ramp would end, or
-        what is sent on a ramp comes too late."""
+    def halt(self, reason: str) -> Array:
+        """Zero efforts at once, and until a good state comes.
+
+        They are for a clock that stands still, so that no ramp would end, and for a sender that is too slow for a ramp.
+
+        Parameters
+        ----------
+        reason : str
+
+        Returns
+        -------
+        ndarray, shape (joints,)
+            Efforts to send [N m or N], a buffer.
+        """
         self.watchdog.reject_state(reason)
         self.fault = reason
-        self._enter("fault")
-        self._blend.stop()
+        self._enter_regime("fault")
+        self._transfer.stop()
         return self.last_efforts
 
-    def tick(self, now):
-        """Efforts to send where no good state did it lately, else None."""
+    def tick(self, now: float) -> Array | None:
+        """Efforts that decay to zero during a fault.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+
+        Returns
+        -------
+        ndarray, shape (joints,), or None
+            Efforts to send [N m or N], a buffer; None without a fault.
+        """
         self.watchdog.check_clock(now)
         self.fault = self.watchdog.fault(now)
-        return self._to_zero(now) if self.fault else None
+        return self._decay_to_zero(now) if self.fault else None
 
-    def _efforts(self, now, time):
+    def _compute_efforts(self, now: float, time: float) -> Array:
+        """Efforts at a time [s] for the state of another time [s]."""
         self.fault = self.watchdog.fault(now)
         if self.fault:
-            return self._to_zero(now)
+            return self._decay_to_zero(now)
         try:
-            activity = self._wanted(time)
+            activity = self._apply_law(time)
         except RobotDynamicsError as error:  # loops that do not close
-            return self._failed(now, str(error))
-        if not math.isfinite(self._target.dot(self._target)):
-            return self._failed(now, "the model gives efforts that are not finite in this state")
-        self._enter(activity)
-        return self._blend.update(now, self._target)
+            return self._fail(now, str(error))
+        if not math.isfinite(self._desired_efforts.dot(self._desired_efforts)):
+            return self._fail(now, "the model gives efforts that are not finite in this state")
+        self._enter_regime(activity)
+        return self._transfer.update(now, self._desired_efforts)
 
-    def _failed(self, now, reason):
+    def _fail(self, now: float, reason: str) -> Array:
         self.watchdog.reject_state(reason)
         self.fault = self.watchdog.fault(now)
-        return self._to_zero(now)
+        return self._decay_to_zero(now)
 
-    def _to_zero(self, now):
+    def _decay_to_zero(self, now: float) -> Array:
         since = self.watchdog.faulted_since
-        self._enter("fault", since)
-        if since < self._taken_at <= now:  # a reference that came during the fault
-            since = self._taken_at
-        if self._followed is not None and now - since > self.settings.ramp_time:
-            self._followed, self._dropped = None, f"it was dropped as efforts went to zero: {self.fault}"
-        return self._blend.update(now, self._zero)
+        assert since is not None  # there is a fault
+        self._enter_regime("fault", since)
+        if since < self._source_time <= now:  # the reference came during the fault
+            since = self._source_time
+        if self._source is not None and now - since > self.settings.ramp_time:
+            self._source = None
+            self._missing_reason = f"it was dropped when efforts went to zero: {self.fault}"
+        return self._transfer.update(now, self._zero_efforts)
 
-    def _enter(self, activity, since=None):
-        if activity != self._regime:
-            self._blend.start_transition(since)
-            self._regime = self.activity = activity
+    def _enter_regime(self, activity: str, since: float | None = None) -> None:
+        """Start a transition where the efforts follow something else than before."""
+        if activity != self._active_regime:
+            self._transfer.start_transition(since)
+            self._active_regime = activity
+            self.activity = activity
 
-    def _wanted(self, time):
-        """Write the efforts that the law wants into _target; returns what is being done."""
-        law, settings, out = self.law, self.settings, self._target
+    def _apply_law(self, time: float) -> str:
+        """Compute the desired efforts at a time [s] of the state; the activity."""
+        law, settings, out = self.law, self.settings, self._desired_efforts
         mode = settings.mode
         if mode == GRAVITY:
             law.gravity_compensation(out)
             return mode
-        followed = self._followed
-        if isinstance(followed, ReferencePoint) and time > followed.end:
-            lasts = settings.reference_timeout
-            self._followed, self._dropped = None, f"no point of the stream for more than {lasts * 1e3:g} ms"
-        if self._followed is None:
-            return self._unled(out)
-        law.sample_reference(followed, time, self.reference)
+        source = self._source
+        if isinstance(source, ReferencePoint) and time > source.end:
+            self._source = source = None
+            timeout = settings.reference_timeout
+            self._missing_reason = f"no point of the stream for more than {timeout * 1e3:g} ms"
+        if source is None:
+            return self._apply_without_reference(out)
+        law.sample_reference(source, time, self.reference)
         if mode == COMPUTED_TORQUE:
             law.computed_torque(self.reference, settings.kp, settings.kd, out, settings.friction_velocity)
         elif mode == FEEDFORWARD:
@@ -235,20 +407,22 @@ class Controller:
             law.pd_gravity(self.reference, settings.kp, settings.kd, out)
         return mode
 
-    def _unled(self, out):
-        what = self.settings.without_reference
-        if what == "gravity":
+    def _apply_without_reference(self, out: Array) -> str:
+        action = self.settings.without_reference
+        if action == "gravity":
             self.law.gravity_compensation(out)
-        elif what == "damp":
+        elif action == "damp":
             self.law.damping(self.settings.kd, out)
         else:
             out[:] = 0.0
-        return f"no reference: {what}"
+        return f"no reference: {action}"
 
 
-def _not_finite(law):
-    for values, what in ((law.q, "position"), (law.qd, "velocity")):
-        wrong = np.flatnonzero(~np.isfinite(values))
-        if len(wrong):
-            return f"{what} of joint {law.dynamics.joint_names[wrong[0]]!r} is {values[wrong[0]]}"
-    return "positions and velocities are beyond all measure"
+def _describe_not_finite(law: ControlLaw) -> str:
+    """The first number of the state that is not finite."""
+    for values, quantity in ((law.q, "position"), (law.qd, "velocity")):
+        not_finite = np.flatnonzero(~np.isfinite(values))
+        if len(not_finite):
+            joint = not_finite[0]
+            return f"{quantity} of joint {law.dynamics.joint_names[joint]!r} is {values[joint]}"
+    return "positions and velocities are too large"

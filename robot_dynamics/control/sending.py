@@ -1,32 +1,45 @@
-"""Efforts that leave in time: what answers a state is not sent after it has become stale."""
+"""Sending of efforts in time: efforts for a stale state are not the last that are sent."""
 
 import math
 from collections.abc import Callable
 from time import perf_counter
+from typing import TypeAlias
 
-import numpy as np
-
+from robot_dynamics.array_types import Array
 from robot_dynamics.control.controller import Controller
+
+SendEfforts: TypeAlias = Callable[[Array, object, float], bool]
+"""Sends efforts (joints,) with a stamp until a time [s]; returns whether they are sent by then."""
 
 
 def send_in_time(
     controller: Controller,
-    send: Callable[[np.ndarray, object, float], bool],
+    send: SendEfforts,
     now: Callable[[], float],
-    efforts: np.ndarray,
+    efforts: Array,
     stamp: object = None,
     until: float = math.inf,
     clock: Callable[[], float] = perf_counter,
 ) -> None:
-    """Send efforts; where they are stale before they have left, those on the way to zero, and where these are as well,
-    zeros. A sender that is always too slow thus gets three calls, and the last says zero whenever it leaves.
+    """Send efforts, or decaying ones where they become stale before they are sent, or zeros where these do as well.
+
+    A sender that is always too slow is called three times, and its last call sends zeros at any time.
 
     Parameters
     ----------
-    send : sends efforts (joints,) with a stamp until a time of `clock` [s]; returns whether all has left by then.
-    now : the time of the controller [s].
-    stamp : of the state that the efforts answer.
-    until : when the efforts are stale, by `clock` [s].
+    controller : Controller
+    send : callable
+        Sends efforts (joints,) with a stamp until a time of `clock` [s]; returns whether all are sent by then.
+    now : callable
+        The time of the controller [s].
+    efforts : ndarray, shape (joints,)
+        Efforts of the controller for a state [N m or N].
+    stamp : object
+        Stamp of that state.
+    until : float
+        Time of `clock` at which the efforts are stale [s].
+    clock : callable
+        Clock of the deadline [s].
     """
     if send(efforts, stamp, until):
         return

@@ -1,34 +1,41 @@
-"""How long messages were under way, by clocks of two machines that need not agree."""
+"""Transit times of messages between two machines whose clocks need not agree."""
 
 import math
 
-WINDOW = 1000  # messages
+WINDOW = 1000
+"""Number of messages after which the least difference of the clocks is renewed."""
 
 
 class TransitTimes:
-    """Delays of messages of one publisher beyond that of the quickest of late.
+    """Delays of the messages of one publisher, relative to its fastest recent message.
 
-    The difference between the time of reception and that of publication is the delay and what the two clocks differ
-    by; the latter is the same for all messages. So delays are counted from the least difference among the last
-    `WINDOW` to 2 `WINDOW` messages: where a clock is set, delays are right again after as many.
+    The difference between the time of reception and that of publication is the delay plus the offset between the two
+    clocks, which is the same for all messages. Delays are therefore counted from the least difference among the last
+    `WINDOW` to 2 `WINDOW` messages. After one of the clocks is set, delays are right again after as many messages.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.restart()
 
-    def restart(self):
+    def restart(self) -> None:
         """Forget all messages."""
-        self._count, self._least, self._least_before = 0, math.inf, math.inf
+        self._count = 0
+        self._least: float = math.inf
+        self._previous_least: float = math.inf
 
-    def delay(self, received, published):
-        """Delay [s] of a message received and published at times [ns] by the clocks of both sides; 0 where it is not
-        known when it was published, which is a time of 0."""
+    def delay(self, received: int, published: int) -> float:
+        """Delay [s] of a message, received and published at times [ns] by the clocks of both sides.
+
+        It is 0 where the time of publication is unknown, which a time of 0 means.
+        """
         if not published:
             return 0.0
         difference = received - published
         if self._count == WINDOW:
-            self._count, self._least, self._least_before = 0, math.inf, self._least
+            self._count = 0
+            self._previous_least = self._least
+            self._least = math.inf
         self._count += 1
         if difference < self._least:
             self._least = difference
-        return (difference - min(self._least, self._least_before)) * 1e-9
+        return (difference - min(self._least, self._previous_least)) * 1e-9

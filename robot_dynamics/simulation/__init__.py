@@ -1,6 +1,6 @@
-"""Time integration of the direct models: bases that are fixed, fly, slide on a plane or roll on wheels; ground contact.
+"""Time integration of the direct dynamic models: fixed, free, planar and wheeled bases; ground contact.
 
-`Simulation` is the one door; what it is made of stands beside it, one idea a file.
+`Simulation` is the entry point; the other modules hold its parts, one idea a file.
 """
 
 from robot_dynamics.simulation.ground import Ground

@@ -1,26 +1,52 @@
-"""Ground that gives: a spring and a damper under each point that touches it, and Coulomb friction along it."""
+"""Elastic ground: a spring and a damper under each contact point, and Coulomb friction along the ground."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import DescriptionError
 
 
 @dataclass(frozen=True)
 class Ground:
-    """A level plane in the world, which pushes on the origins of named link frames that are below it.
+    """A level plane in the world that pushes on contact points below it.
+
+    Contact points are the origins of named link frames. The ground exerts on each of them
 
         N = max(0, k d - c ḋ⁻),   F = -μ N v / √(|v|² + v_s²)
 
-    points: names of the links whose origins touch; height: z of the plane [m]; stiffness k [N/m] and damping c [N s/m]
-    of each point, d its depth; friction μ; slip_velocity v_s [m/s], at which friction has 0.7 of its full value: what
-    rests on a slope creeps with about v_s. Ground pushes only, and never pulls.
+    where d is the depth of the point and v its velocity along the plane.
 
-    What hits the ground goes into it: a mass m on one point at the speed v by about v √(m/k), and rests m g/k deep. At
-    the default stiffness, 0.3 kg at 30 m/s go 0.12 m deep. Choose k = m (v/d)² for a depth d. Steps should be short
-    beside v_s/(μ g), √(m/k) and m/c; a Simulation integrates longer ones in parts, which takes more time, and raises
-    SimulationError where their error is too large all the same.
+    Parameters
+    ----------
+    points : tuple of str
+        Names of the links whose origins can touch the ground.
+    height : float
+        z coordinate of the plane in the world [m].
+    stiffness : float
+        Stiffness k below each point [N/m].
+    damping : float
+        Damping c below each point [N s/m].
+    friction : float
+        Coefficient of friction μ.
+    slip_velocity : float
+        Velocity v_s at which friction reaches 0.7 of its full value [m/s]. A body at rest on a slope creeps with about
+        v_s.
+
+    Raises
+    ------
+    DescriptionError
+        A link is named twice, or a number is negative or not finite.
+
+    Notes
+    -----
+    The ground pushes only and never pulls.
+
+    A mass m that hits the ground with one point at the speed v penetrates it by about v √(m/k), and rests m g/k deep.
+    At the default stiffness a mass of 0.3 kg at 30 m/s penetrates 0.12 m. Choose k = m (v/d)² for a depth d. Steps
+    should be short compared with v_s/(μ g), √(m/k) and m/c. A Simulation divides longer steps, which takes more time,
+    and raises SimulationError where the error is too large all the same.
     """
 
     points: tuple[str, ...]
@@ -30,21 +56,32 @@ class Ground:
     friction: float = 0.8
     slip_velocity: float = 0.01
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "points", tuple(self.points))
         if len(set(self.points)) < len(self.points):
-            raise DescriptionError(f"ground: points {', '.join(self.points)}: each link once")
+            raise DescriptionError(f"ground: points {', '.join(self.points)} name a link more than once")
         for name in ("height", "stiffness", "damping", "friction", "slip_velocity"):
             value = getattr(self, name)
             if not (isinstance(value, int | float) and np.isfinite(value)):
-                raise DescriptionError(f"ground: {name} is {value!r}, a finite number is needed")
+                raise DescriptionError(f"ground: {name} is {value!r}, it must be a finite number")
             if value < 0 and name != "height":
-                raise DescriptionError(f"ground: {name} is {value}, which is negative")
+                raise DescriptionError(f"ground: {name} is {value}, it must not be negative")
         if not self.stiffness or not self.slip_velocity:
             raise DescriptionError("ground: stiffness and slip_velocity must be positive")
 
-    def forces(self, positions, velocities):
-        """(points, 3) [N] on points at positions (points, 3) with velocities (points, 3), all in the world."""
+    def forces(self, positions: Array, velocities: Array) -> Array:
+        """Forces of the ground on points, all in world axes.
+
+        Parameters
+        ----------
+        positions, velocities : ndarray, shape (points, 3)
+            Positions [m] and velocities [m/s] of the points.
+
+        Returns
+        -------
+        ndarray, shape (points, 3)
+            Forces [N]; zero for points above the ground.
+        """
         depth = self.height - positions[:, 2]
         normal = np.where(depth > 0, self.stiffness * depth - self.damping * velocities[:, 2], 0.0)
         normal = np.maximum(normal, 0.0)

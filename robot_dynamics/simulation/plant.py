@@ -1,321 +1,242 @@
-"""What moves a robot: accelerations of its base and its joints from efforts, wrenches, and what holds the base.
+"""Compiled models of a simulated robot: its accelerations from efforts, wrenches and gravity, and its inertia.
 
-Rates are ν = [V0; q̇] (6 + n,), the twist of the base in the base frame and the velocities of Dynamics.joint_names;
-ν̇ are their derivatives. Of a fixed base the six are zero.
+Rates are ν = [V0; q̇] (6 + n,): the twist of the base in the base frame, and the velocities of the independent joints.
+ν̇ are their derivatives. The six of a fixed base are zero.
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.linalg import null_space
 
-from robot_dynamics.codegen.jit.compiled_models import PythonProgram
-from robot_dynamics.codegen.jit.compiled_program import compile_program
-from robot_dynamics.codegen.trace.models import frames_model
+from robot_dynamics.array_types import Array
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import CompilationError, InvalidInputError
+from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import Base
-from robot_dynamics.newton_euler.walker_orin import inertia_matrix
-from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY, ConstrainedMotion, interpolate
-from robot_dynamics.simulation.friction_impulses import STIFF_DAMPING_RATIO
-from robot_dynamics.simulation.wheels import RollingConstraints
+from robot_dynamics.model.robot import Robot
+from robot_dynamics.simulation.branch import evaluate_on_branch
+from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
 
-BASE_TYPES = ("fixed", "free", "planar")
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.jit.compiled_models import PythonProgram
+    from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+
+    Program = CompiledProgram | PythonProgram
+
 NO_GRAVITY = np.zeros(3)
-RANK_TOLERANCE = 1e-9  # below which a singular value of constraints is rounding
-DRIVE_COMPONENTS = (0, 5, 1)  # the rows of V0 in which a base that is told how to drive hears: ahead, turning, aside
 
 
 class Plant:
-    """The compiled models of a robot, with what holds its base.
+    """The compiled models of a robot.
 
-    base: fixed, free, or planar: gliding in the plane of its x and y, on wheels that roll where there are some.
-    dynamics: of the same robot, its base moving or not as `base` says, without the friction that is told by dry and
-    viscous: (all joints,) Fs h [N m s] and Fv h, what is for the end of a step of h.
+    Parameters
+    ----------
+    robot : Robot
+        Without the friction that acts as impulses.
+    wrench_links : iterable of str
+        Names of the links that external wrenches act on.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+    size : int
+        Number n of the independent joints.
+    loops : ConstrainedMotion or None
+        None for a robot without loops.
+    rate_joints : list of int
+        Numbers of the joints whose velocities are rates.
     """
 
-    def __init__(self, robot, base, wheels, links, step):
-        if base not in BASE_TYPES:
-            raise InvalidInputError(f"base is {base!r}: {', '.join(BASE_TYPES)} are known")
-        if wheels and base != "planar":
-            raise InvalidInputError(f"wheels carry a planar base, not a {base} one")
-        self.base = base
-        self.dry_impulse_limits = step * np.array([joint.coulomb_friction for joint in robot.joints])
-        self.viscous_impulse_gains = step * np.array([joint.viscous_friction for joint in robot.joints])
-        self.viscous_impulse_gains[
-            self.viscous_impulse_gains
-            <= STIFF_DAMPING_RATIO * minimum_joint_inertias(replace(robot, moving_base=base != "fixed"))
-        ] = 0
-        joints = tuple(
-            replace(joint, coulomb_friction=0.0, viscous_friction=0.0 if stiff else joint.viscous_friction)
-            for joint, stiff in zip(robot.joints, self.viscous_impulse_gains, strict=True)
-        )
-        self.dynamics = Dynamics(replace(robot, joints=joints, moving_base=base != "fixed"))
+    def __init__(self, robot: Robot, wrench_links: Iterable[str]) -> None:
+        self.dynamics = Dynamics(robot)
         self.size = len(self.dynamics.joint_names)
-        self._looped = bool(robot.loops)
-        self.loops = ConstrainedMotion(self.dynamics) if self._looped else None
-        self._links, self._programs, self._inertia = None, {}, {}
-        self._places = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
-        self._G = None if self._looped else self.dynamics.expand_velocities(np.eye(self.size)).T
-        self._coordinates, self._direction = None, None
+        self.loops = ConstrainedMotion(self.dynamics) if robot.loops else None
+        self.rate_joints = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
+        self._has_moving_base = robot.moving_base
+        self._wrench_links: tuple[str, ...] | None = None
+        self._programs: dict[tuple[int, ...] | None, tuple[Program, list[Array]]] = {}
+        self._inertia_programs: dict[tuple[int, ...] | None, Program] = {}
+        self._G: Array | None = None if self.loops else self.dynamics.expand_velocities(np.eye(self.size)).T
+        self._coordinates: LoopCoordinates | None = None
+        self._direction: Array | None = None
         length = robot.characteristic_length
-        sliding = [length if joint.prismatic else 1.0 for joint in robot.joints]
-        self._units = np.array([length] * 3 + [1.0] * 3 + sliding)
-        self.set_wrench_links(links)
-        self._rolling = RollingConstraints(robot, wheels) if base == "planar" else None
-        if self._rolling is not None:
-            self._rolling.constraint_rows(self.dynamics.initial_joint_positions)  # refuses wheels that do not stand
-        self._known = {}  # what constant constraints give, by whether the base is told how to drive
+        joint_units = [length if joint.prismatic else 1.0 for joint in robot.joints]
+        self._units = np.array([length] * 3 + [1.0] * 3 + joint_units)
+        self.set_wrench_links(wrench_links)
 
     @property
-    def units(self):
-        """(6 + n,) what counts as much as a radian of each of the rates [rad or m]."""
-        return self._units[[0, 1, 2, 3, 4, 5, *(6 + number for number in self._places)]]
+    def units(self) -> Array:
+        """Change of each rate (6 + n,) that counts as much as one radian [rad or m]."""
+        return self._units[[0, 1, 2, 3, 4, 5, *(6 + number for number in self.rate_joints)]]
 
     @property
-    def independent(self):
-        """Numbers of the joints that rates belong to, None without loops."""
-        return self._coordinates.independent if self._looped else None
+    def independent(self) -> tuple[int, ...] | None:
+        """Numbers of the joints that rates belong to; None without loops."""
+        return None if self._coordinates is None else self._coordinates.independent
 
-    def velocities(self, coordinates, q, rates, direction):
-        """Velocities (all joints,) of a robot with loops at rates (6 + n,), at positions q (all joints,) that close
-        them. coordinates: the LoopCoordinates in use, with the quality at q; direction: velocities shortly before, for
-        singular positions.
-        """
+    @property
+    def wrench_links(self) -> tuple[str, ...]:
+        """Names of the links that external wrenches act on, in the order of the arguments of the model."""
+        return self._wrench_links or ()
 
-        def velocities(q):
-            return [self.loops.joint_velocities(q, self._at_rates(q, rates)[0])]
-
-        if coordinates.quality > SINGULAR_QUALITY:
-            return velocities(q)[0]
-        return interpolate(velocities, self.loops.neighbours(coordinates, q, direction))[0]
-
-    def initial_velocities(self, coordinates, q, rates):
-        """Velocities (all joints,) of a robot with loops that begins at q (all joints,) with rates (6 + n,): those of
-        the tangent, as no motion has led there."""
-        chart_rates = self.loops.constrained_state(coordinates, q).expand_rates(rates[6:])
-        return self.velocities(coordinates, q, rates, self.loops.joint_velocities(q, chart_rates))
-
-    def _at_rates(self, q, rates):
-        """`unconstrained`, without efforts, wrenches and gravity of a moving base."""
-        return self.unconstrained_accelerations(
-            q, rates, NO_GRAVITY, np.zeros(len(q)), [np.zeros(6)] * len(self._links)
-        )
-
-    def joint_accelerations(self, q, velocities, rates_derivative):
-        """(n,) of Dynamics.joint_names, from those (6 + n,) of the coordinates in use, for a robot with loops."""
-
-        def accelerations(q):
-            configuration = self.loops.constrained_state(self._coordinates, q)
-            drift = configuration.drift(configuration.expand_rates(velocities[self._places]))
-            return configuration.expand_rates(rates_derivative[6:]) + drift
-
-        return self._smooth(accelerations, q)[[*self.loops.default_independent]]
-
-    def set_wrench_links(self, links):
+    def set_wrench_links(self, links: Iterable[str]) -> None:
         """Let external wrenches act on the named links."""
         links = tuple(links)
-        if links != self._links:
-            self._links, self._programs = links, {}
-            if not self._looped:
-                self._use_program("direct", None)
-            elif self._coordinates is not None:
-                self.use_coordinates(self._coordinates, self._direction)
+        if links == self._wrench_links:
+            return
+        self._wrench_links = links
+        self._programs = {}
+        if self.loops is None:
+            self._use_program("direct", None)
+        elif self._coordinates is not None and self._direction is not None:
+            self.use_coordinates(self._coordinates, self._direction)
 
-    def use_coordinates(self, coordinates, velocities):
-        """Take the rates of a robot with loops as those of other coordinates from now on.
+    def use_coordinates(self, coordinates: LoopCoordinates, velocities: Array) -> None:
+        """Use other coordinates of a robot with loops for rates from now on.
 
-        coordinates: LoopCoordinates; velocities: (all joints,), the direction of motion, for singular positions.
+        velocities: (all joints,), the direction of motion at singular positions.
         """
-        self._coordinates, self._direction = coordinates, velocities
-        self._places = list(coordinates.independent)
+        self._coordinates = coordinates
+        self._direction = velocities
+        self.rate_joints = list(coordinates.independent)
         self._use_program("state_derivative", coordinates.independent)
 
-    def _use_program(self, model, independent):
+    def _use_program(self, model: Literal["direct", "state_derivative"], independent: tuple[int, ...] | None) -> None:
         if independent not in self._programs:
-            program = self.dynamics.compile(model, wrenches=self._links, independent=independent)
+            program = self.dynamics.compile(model, wrenches=self.wrench_links, independent=independent)
             outputs = [np.empty(shape) for _, shape in program.interface.outputs]
             self._programs[independent] = program, outputs
         self._program, self._outputs = self._programs[independent]
 
-    @property
-    def links(self):
-        """Names of the links that external wrenches act on, in the order in which `unconstrained` takes them."""
-        return self._links
+    def unconstrained_accelerations(
+        self, q: Array, rates: Array, gravity: Array, efforts: Array, wrenches: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """Accelerations of a robot whose base moves freely or is fixed.
 
-    def unconstrained_accelerations(self, q, rates, gravity, efforts, wrenches):
-        """(velocities of the positions q, ν̇ (6 + n,)) where nothing holds a moving base.
+        Parameters
+        ----------
+        q : ndarray
+            Positions as the programs take them: (all joints,) of a robot with loops, else (n,).
+        rates : ndarray, shape (6 + n,)
+        gravity : ndarray, shape (3,)
+            In the base frame [m/s²].
+        efforts : ndarray
+            Joint efforts (n,), of a robot with loops (all joints,).
+        wrenches : sequence of ndarray, shape (6,)
+            One for each of wrench_links, in the frame of the link.
 
-        q: as programs take it; gravity: (3,) in the base frame; efforts: (n,), of all joints where the robot has loops;
-        wrenches: (6,) for each of `links`. Velocities of a platform's angles are those of the chart of its attitude.
+        Returns
+        -------
+        velocities : ndarray
+            Velocities of q; those of platform angles are rates in the charts of the attitudes.
+        accelerations : ndarray, shape (6 + n,)
+            ν̇.
         """
-        found, twist = np.zeros(6 + self.size), rates[:6]
-        base = () if self.base == "fixed" else (twist, gravity)
+        accelerations = np.zeros(6 + self.size)
+        twist = rates[:6]
+        base = (twist, gravity) if self._has_moving_base else ()
         self._program.evaluate(q, rates[6:], efforts, *base, *wrenches, *self._outputs)
-        velocities, outputs = rates[6:], self._outputs
-        if self._looped:
-            velocities, *outputs = outputs
-            velocities = velocities.copy()
-        found[6:] = outputs[0]
+        velocities = rates[6:]
+        outputs = self._outputs
+        if self.loops is not None:
+            velocities = outputs[0].copy()
+            outputs = outputs[1:]
+        accelerations[6:] = outputs[0]
         if base:
-            found[:6] = outputs[1]
-            found[:3] -= convective_acceleration(twist)
-        return velocities, found
+            accelerations[:6] = outputs[1]
+            accelerations[:3] -= convective_acceleration(twist)
+        return velocities, accelerations
 
-    def raise_if_singular(self, q, rates, efforts):
-        """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
-        base = {} if self.base == "fixed" else {"base": Base(twist=rates[:6])}
-        efforts = efforts[[*self.loops.default_independent]] if self._looped else efforts
-        with suppress(InvalidInputError):  # numbers too large, which the caller says
-            self.dynamics.direct(q, rates[6:], efforts, **base)
+    def velocities(self, coordinates: LoopCoordinates, q: Array, rates: Array, direction: Array) -> Array:
+        """Velocities (all joints,) of a robot with loops at rates (6 + n,).
 
-    def velocity_matrix(self, q):
-        """G (all joints, n), from the rates of the independent joints to the velocities of all; of a platform's angles
-        in the chart of its attitude."""
-        return (
-            self._smooth(lambda q: self.loops.constrained_state(self._coordinates, q).G, q) if self._looped else self._G
-        )
-
-    def _smooth(self, function, q):
-        """function(q), an array, also at singular positions of loops."""
-        if not self._looped or self._coordinates.quality > SINGULAR_QUALITY:
-            return function(q)
-        neighbours = self.loops.neighbours(self._coordinates, q, self._direction)
-        return interpolate(lambda q: [function(q)], neighbours)[0]
-
-    def inertia_matrix(self, q):
-        """A (6 + n, 6 + n), or (n, n) where the base is fixed."""
-        if self.independent not in self._inertia:
-            program = self.dynamics.compile("inertia_matrix", independent=self.independent)
-            self._inertia[self.independent] = program
-        return self._smooth(self._inertia[self.independent].evaluate, q)
-
-    def constrain_accelerations(self, q, rates, accelerations, told=None, joints=None):
-        """ν̇ (6 + n,) of what is held, from that of `unconstrained` (Gauss's principle of least constraint).
-
-        told: (6,) derivative of the twist that a drive gives the base, as far as wheels can; joints: (n,) accelerations
-        that all joints have.
-
-            ν̇ = b + N (Nᵀ A N)⁻¹ Nᵀ A (ν̇_free - b),   C N = 0,   C b = c
+        q: (all joints,) positions that close the loops; coordinates: those in use, with the quality at q; direction:
+        velocities (all joints,) shortly before, for singular positions.
         """
-        if self._rolling is None and joints is None:
+        loops = self._require_loops()
+        no_efforts = np.zeros(len(q))
+        no_wrenches = [np.zeros(6)] * len(self.wrench_links)
+
+        def velocities_at(q: Array) -> Array:
+            chart_rates, _ = self.unconstrained_accelerations(q, rates, NO_GRAVITY, no_efforts, no_wrenches)
+            return loops.attitudes.joint_velocities(q, chart_rates)
+
+        return evaluate_on_branch(loops, velocities_at, coordinates, q, direction)
+
+    def initial_velocities(self, coordinates: LoopCoordinates, q: Array, rates: Array) -> Array:
+        """Velocities (all joints,) of a robot with loops that starts at q (all joints,) with rates (6 + n,).
+
+        No motion has led to q: the direction is that of the tangent.
+        """
+        loops = self._require_loops()
+        chart_rates = loops.constrained_state(coordinates, q).expand_rates(rates[6:])
+        return self.velocities(coordinates, q, rates, loops.attitudes.joint_velocities(q, chart_rates))
+
+    def joint_accelerations(self, q: Array, velocities: Array, rates_derivative: Array) -> Array:
+        """Accelerations (n,) of Dynamics.joint_names of a robot with loops, from ν̇ (6 + n,) in the coordinates in use.
+
+        q, velocities: (all joints,).
+        """
+        loops = self._require_loops()
+
+        def accelerations_at(q: Array) -> Array:
+            state = loops.constrained_state(self._coordinates_in_use, q)
+            drift = state.drift(state.expand_rates(velocities[self.rate_joints]))
+            accelerations: Array = state.expand_rates(rates_derivative[6:]) + drift
             return accelerations
-        if self.base == "fixed":
-            return np.concatenate([np.zeros(6), joints])
-        N, solver, heard, drift = self._constraint(q, rates, told is not None, joints is not None)
-        wanted = [-drift]
-        if told is not None:
-            wanted.append(told[heard])
-        if joints is not None:
-            wanted.append(joints)
-        given = solver @ np.concatenate(wanted)
-        return given + self._response(q, N) @ (self.inertia_matrix(q) @ (accelerations - given))
 
-    def project_onto_constraints(self, q, rates, joints=False):
-        """The rates (6 + n,) nearest to these, by their energy, that the constraints allow. joints: whether those of
-        the joints stay."""
-        if self._rolling is None:
-            return rates
-        N, solver, _, drift = self._constraint(q, rates, False, joints)
-        given = solver @ np.concatenate([np.zeros_like(drift), rates[6:]]) if joints else np.zeros_like(rates)
-        return given + self._response(q, N) @ (self.inertia_matrix(q) @ (rates - given))
+        return self._smooth(accelerations_at, q)[[*loops.default_independent]]
 
-    def impulse_response(self, q, rates, told=False):
-        """(6 + n, 6 + n) what rates change by for unit impulses. told: whether a drive moves the base."""
-        if self.base == "fixed":
-            found = np.zeros((6 + self.size, 6 + self.size))
-            found[6:, 6:] = np.linalg.inv(self.inertia_matrix(q))
-            return found
-        N = np.eye(6 + self.size) if self._rolling is None else self._constraint(q, rates, told, False)[0]
-        return self._response(q, N)
+    def velocity_matrix(self, q: Array) -> Array:
+        """G (all joints, n), from the rates of the independent joints to the velocities of all joints.
 
-    def _response(self, q, N):
-        """N (Nᵀ A N)⁻¹ Nᵀ."""
-        return N @ np.linalg.solve(N.T @ self.inertia_matrix(q) @ N, N.T)
+        Velocities of platform angles are rates in the charts of the attitudes.
+        """
+        if self._G is not None:
+            return self._G
+        loops = self._require_loops()
+        return self._smooth(lambda q: loops.constrained_state(self._coordinates_in_use, q).G, q)
 
-    def initial_rates(self, q, rates, has_base_motion):
-        """Rates (6 + n,) that the constraints allow, to begin with: where it is said how the base moves (of_base) the
-        wheels follow, else the base follows the joints."""
-        if self._rolling is None:
-            return rates
-        C, _ = self._rows(q, rates)
-        N = null_space(C)
-        wheels = [6 + k for k in range(self.size) if self._places[k] in self._rolling.joints]
-        others = [k for k in range(6, 6 + self.size) if k not in wheels]
-        asked = [*self._heard(N), *others] if has_base_motion else slice(6, None)
-        return N @ np.linalg.lstsq(N[asked], rates[asked], rcond=None)[0]
+    def velocity_drift(self, q: Array, velocities: Array) -> Array:
+        """Ġ q̇ (all joints,) at velocities (all joints,) of a robot with loops."""
+        loops = self._require_loops()
+        return self._smooth(lambda q: loops.constrained_state(self._coordinates_in_use, q).drift(velocities), q)
 
-    def residual(self, q, rates):
-        """C ν (m,): velocities [m/s, rad/s] that wheels and plane forbid."""
-        return np.zeros(0) if self._rolling is None else self._rows(q, rates)[0] @ rates
+    def inertia_matrix(self, q: Array) -> Array:
+        """A (6 + n, 6 + n), or (n, n) of a robot on a fixed base."""
+        if self.independent not in self._inertia_programs:
+            program = self.dynamics.compile("inertia_matrix", independent=self.independent)
+            self._inertia_programs[self.independent] = program
+        return self._smooth(self._inertia_programs[self.independent].evaluate, q)
 
-    def _rows(self, q, rates):
-        """(C (m, 6 + n), Ċ ν (m,))."""
-        everyone, G = q if self._looped else self.dynamics.expand_positions(q), self.velocity_matrix(q)
-        qd = G @ rates[6:]
-        C, turned = self._rolling.constraint_rows(everyone, qd)
-        drift = turned @ np.concatenate([rates[:6], qd])
-        if self._looped:
-            drift = drift + C[:, 6:] @ self._smooth(
-                lambda q: self.loops.constrained_state(self._coordinates, q).drift(qd), q
-            )
-        return np.concatenate([C[:, :6], C[:, 6:] @ G], axis=1), drift
+    def raise_if_singular(self, q: Array, rates: Array, efforts: Array) -> None:
+        """Raise SingularModelError where the model has no accelerations at rates (6 + n,) of Dynamics.joint_names."""
+        base = Base(twist=rates[:6]) if self._has_moving_base else None
+        if self.loops is not None:
+            efforts = efforts[[*self.loops.default_independent]]
+        with suppress(InvalidInputError):  # not finite: the caller raises
+            self.dynamics.direct(q, rates[6:], efforts, base=base)
 
-    def _constraint(self, q, rates, told, joints):
-        """(N, C⁺, rows of the twist that are told, Ċ ν), kept where they never change."""
-        constant = self._rolling is None or (self._rolling.is_constant and not self._looped)
-        if constant and (told, joints) in self._known:
-            return self._known[told, joints]
-        unit = np.eye(6 + self.size)
-        C, drift = (unit[:0], np.zeros(0)) if self._rolling is None else self._rows(q, rates)
-        heard = self._heard(null_space(C)) if told else []
-        C = np.concatenate([C, unit[heard], unit[6:] if joints else unit[:0]])
-        U, sizes, V = np.linalg.svd(C)
-        rank = int(np.sum(sizes > RANK_TOLERANCE * sizes[0]))
-        solver = (V[:rank].T / sizes[:rank]) @ U[:, :rank].T
-        found = V[rank:].T, solver, heard, drift
-        if constant:
-            self._known[told, joints] = found
-        return found
+    def _smooth(self, function: Callable[[Array], Array], q: Array) -> Array:
+        """function(q), interpolated along the branch at singular positions of loops."""
+        if self.loops is None or self._coordinates is None or self._direction is None:
+            return function(q)
+        return evaluate_on_branch(self.loops, function, self._coordinates, q, self._direction)
 
-    def _heard(self, N):
-        """Rows of the twist of the base that can be told independently for rates N u."""
-        heard = []
-        for row in DRIVE_COMPONENTS:
-            if np.linalg.matrix_rank(N[[*heard, row]], tol=RANK_TOLERANCE) > len(heard):
-                heard.append(row)
-        return heard
+    @property
+    def _coordinates_in_use(self) -> LoopCoordinates:
+        assert self._coordinates is not None
+        return self._coordinates
+
+    def _require_loops(self) -> ConstrainedMotion:
+        assert self.loops is not None
+        return self.loops
 
 
-def minimum_joint_inertias(robot):
-    """(all joints,) about the least inertia that a joint may have to move: everything else free to give way."""
-    free = replace(robot, loops=(), platforms=(), joints=tuple(replace(joint, mimic=None) for joint in robot.joints))
-    A = inertia_matrix(free, np.array([joint.initial_position for joint in robot.joints]))
-    with np.errstate(all="ignore"):
-        return 1 / np.diagonal(np.linalg.pinv(A))[len(A) - len(robot.joints) :]
-
-
-def convective_acceleration(twist):
-    """ω × v (3,): what the classical acceleration of the base has beside the derivative of v in the base frame."""
+def convective_acceleration(twist: Array) -> Array:
+    """ω × v (3,): the classical acceleration of the base minus the derivative of v in the base frame."""
     a, b, c, x, y, z = twist.tolist()
     return np.array([y * c - z * b, z * a - x * c, x * b - y * a])
-
-
-class FrameKinematics:
-    """Where named frames are and how they move: a compiled program.
-
-    independent: numbers of the joints that rates belong to, None for those of Dynamics.
-    """
-
-    def __init__(self, dynamics, names, independent=None):
-        self._moving = dynamics.robot.moving_base
-        program = frames_model(dynamics.robot, names, independent=independent)
-        try:
-            self._program = compile_program(program)
-        except CompilationError:
-            self._program = PythonProgram(program)
-
-    def __call__(self, q, rates):
-        """Rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) in frame 0."""
-        return self._program.evaluate(q, rates[6:], *((rates[:6],) if self._moving else ()))

@@ -1,20 +1,30 @@
-"""Rotations within a step, as rotation vectors from where the step began: a chart of SO(3) that no step leaves.
+"""Rotation vectors within one step: a chart of SO(3) that begins at the attitude where the step begins.
 
-R(t) = R₀ exp(φ̂(t)), φ = 0 where the step begins, so R stays a rotation whatever the integrator makes of φ, and there is
-no quaternion to be normalised. Source of both formulas: Iserles, Munthe-Kaas, Nørsett and Zanna, Lie-group methods,
+R(t) = R₀ exp(φ̂(t)) with φ = 0 at the beginning of the step. R stays a rotation whatever the integrator makes of φ, and
+no quaternion has to be normalised. Source of both formulas: Iserles, Munthe-Kaas, Nørsett and Zanna, Lie-group methods,
 Acta Numerica 9 (2000), appendix B.
+
+The functions compute on Python floats: they run several times in each step, where arrays of three numbers would cost
+ten times as much. `constraints.attitude_charts.rotation_exponential` is the exponential for batches.
 """
 
 from math import cos, sin, sqrt
 
 import numpy as np
 
-MAX_SQUARED_ANGLE = 1e6  # [rad²] beyond which a rotation within a step means nothing: the step diverges
-SERIES_SQUARED_ANGLE = 0.05  # [rad²] below which the series are exact to rounding
+from robot_dynamics.array_types import Array
+
+MAX_SQUARED_ANGLE = 1e6
+"""Squared angle [rad²] beyond which a rotation within one step is meaningless: the integration diverges."""
+SERIES_SQUARED_ANGLE = 0.05
+"""Squared angle [rad²] below which the series are exact to rounding."""
 
 
-def exponential(phi):
-    """exp(φ̂) (3, 3) = I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂² of a rotation vector φ (3,), θ = |φ|; nan beyond LARGEST."""
+def exponential(phi: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector φ (3,) [rad]: I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂², θ = |φ|.
+
+    The matrix is nan beyond MAX_SQUARED_ANGLE.
+    """
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
     if not square < MAX_SQUARED_ANGLE:
@@ -24,7 +34,8 @@ def exponential(phi):
         c = 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90 * (1 - square / 132))))
     else:
         angle = sqrt(square)
-        s, c = sin(angle) / angle, 2 * (sin(angle / 2) / angle) ** 2
+        s = sin(angle) / angle
+        c = 2 * (sin(angle / 2) / angle) ** 2
     return np.array(
         [
             [1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
@@ -34,9 +45,11 @@ def exponential(phi):
     )
 
 
-def rotation_vector_rate(phi, omega):
-    """φ̇ (3,) of R = R₀ exp(φ̂) that turns with ω (3,), in its own axes: ω + φ × ω/2 + k φ × (φ × ω),
-    k = (1 - θ/2 cot θ/2)/θ²; nan beyond LARGEST."""
+def rotation_vector_rate(phi: Array, omega: Array) -> list[float]:
+    """φ̇ (3,) [rad/s] of R = R₀ exp(φ̂) for the angular velocity ω (3,) in the axes of R.
+
+    φ̇ = ω + φ × ω/2 + k φ × (φ × ω) with k = (1 - θ/2 cot θ/2)/θ²; nan beyond MAX_SQUARED_ANGLE.
+    """
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
     if not square < MAX_SQUARED_ANGLE:
@@ -55,6 +68,7 @@ def rotation_vector_rate(phi, omega):
     ]
 
 
-def orthonormalize(R):
-    """R (3, 3) with its rounding taken off: a step of Newton's method to the rotation nearest to it."""
-    return R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))
+def orthonormalize(R: Array) -> Array:
+    """R (3, 3) without its rounding errors: one step of Newton's method to the nearest rotation."""
+    orthonormal: Array = R @ (1.5 * np.eye(3) - 0.5 * (R.T @ R))
+    return orthonormal

@@ -1,16 +1,20 @@
 """The explicit Runge-Kutta method of order 6 in seven stages.
 
 Source: J. C. Butcher, On Runge-Kutta processes of high order, J. Australian Mathematical Society 4 (1964), 179-194.
-Order 6 because the fastest links of an arm turn by some hundredths of a radian in a step of 1 ms: then a step of order
-4 loses 1e-10 of the energy, a minute of them 1e-6, and two orders more cost three calls of a compiled model.
+Why order 6: the fastest links of an arm turn by some hundredths of a radian in a step of 1 ms. A step of order 4 then
+loses 1e-10 of the energy, and a minute of such steps 1e-6. Two more orders cost three calls of a compiled model.
 
-The two slopes in the middle of the step differ by a term of order 4 in the step: shifting the weight between them
-leaves the order conditions up to 4 as they are. So the step times their difference estimates the error of an embedded
-method of order 4, at no cost. It is far above the error of the method itself, and grows at once where a step is too
-long.
+The slopes of the two stages in the middle of the step differ by a term of order 4 in the step. Shifting weight from one
+of them to the other leaves the order conditions up to 4 satisfied. The step times the difference of the slopes
+therefore estimates the error of an embedded method of order 4 at no cost. The estimate is far above the error of the
+method itself, and grows at once where a step is too long.
 """
 
+from collections.abc import Callable
+
 import numpy as np
+
+from robot_dynamics.array_types import Array
 
 NODES = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
 STAGES = (
@@ -22,14 +26,17 @@ STAGES = (
     np.array([9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11]),
 )
 WEIGHTS = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
+ERROR_STAGES = (4, 5)
+"""The two stages in the middle of the step, whose slopes estimate the error."""
+ERROR_WEIGHT = 4 / 15
+"""Weight that the embedded method shifts from one of these stages to the other."""
 
 
-ERROR_STAGES = (4, 5)  # the stages whose slopes estimate the error
-ERROR_WEIGHT = 4 / 15  # the weight that the embedded method shifts from one to the other
+def increment(derivative: Callable[[float, Array], Array], time: float, y: Array, step: float) -> tuple[Array, Array]:
+    """Change (m,) of y (m,) in a step [s] that begins at `time` [s], and an estimate (m,) of its error.
 
-
-def increment(derivative, time, y, step):
-    """What y (m,) grows by in a step [s], and an estimate (m,) of its error; derivative(time, y) gives dy/dt (m,)."""
+    derivative(time, y) returns dy/dt (m,).
+    """
     slopes = np.empty((len(WEIGHTS), len(y)))
     slopes[0] = derivative(time, y)
     for stage, weights in enumerate(STAGES, start=1):

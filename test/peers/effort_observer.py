@@ -1,10 +1,10 @@
-"""A process that listens to what passes between a robot and computed_torque, and writes down when it came.
+"""A process that records the messages between a robot and computed_torque with their times of reception.
 
 python effort_observer.py /namespace/computed_torque records.bin
 
-Each message on joint_states, ~/commands and ~/effort makes one record of `RECORD` at the end of the file. The time is
-that at which the middleware of this process received the message, by the clock of this process. It uses no shared
-memory, by which others could keep it from receiving, unless FASTDDS_BUILTIN_TRANSPORTS is DEFAULT.
+Each message on joint_states, ~/commands and ~/effort appends one `RECORD` to the file. Its time is that of reception by
+the middleware of this process, by the clock of this process. The process uses no shared memory, by which others could
+prevent reception, unless FASTDDS_BUILTIN_TRANSPORTS is DEFAULT.
 """
 
 import os
@@ -33,7 +33,7 @@ ENCAPSULATION = 4  # bytes before a serialized message
 
 
 def read_records(path):
-    """The records that a running observer has written so far."""
+    """The records that an observer has written, which may still run."""
     with open(path, "rb") as file:
         return np.frombuffer(file.read() or b"", dtype=RECORD)
 

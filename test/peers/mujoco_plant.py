@@ -1,5 +1,6 @@
-"""A robot in MuJoCo that stands in for the real one, as a process of its own over real topics: joint_states and /clock
-out, commands in, in lockstep: each step waits for the command that answers its state.
+"""A robot in MuJoCo in the place of a real one, a separate process with topics: joint_states, /clock out, commands in.
+
+It runs in lockstep: each step waits for the command for its state.
 
 python mujoco_plant.py robot.urdf result.npz --seconds 4 --controller /computed_torque
 """
@@ -20,10 +21,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from robot_dynamics.nodes.processes import make_events_executor
 
 STEP = 1_000_000  # [ns] between two states
-SUBSTEPS = 4  # of MuJoCo in one of them
-STARTS = 200  # steps before the trajectory begins
-SETTLES = 300  # steps that the errors are not counted in, at its beginning: efforts come in by a ramp
-PATIENCE = 20.0  # [s] for the controller to come, and for its first command
+SUBSTEPS = 4  # of MuJoCo in one step
+START_STEPS = 200  # before the trajectory begins
+RAMP_STEPS = 300  # at its beginning in which errors are not counted: efforts begin with a ramp
+TIMEOUT = 20.0  # [s] to wait for the controller, and for its first command
 HOME = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.6])
 SWINGS = np.array([0.5, 0.35, 0.5, 0.45, 0.6, 0.5, 0.8])
 RATES = 2 * np.pi * np.array([0.4, 0.5, 0.45, 0.6, 0.55, 0.5, 0.7])  # [rad/s]
@@ -32,17 +33,20 @@ RATES = 2 * np.pi * np.array([0.4, 0.5, 0.45, 0.6, 0.55, 0.5, 0.7])  # [rad/s]
 def motion(t):
     """(3, ..., 7): positions, velocities, accelerations of swings about HOME that grow from rest, at times t (...)."""
     t = np.asarray(t)[..., None]
-    grown, dgrown, ddgrown = (np.where(t < 1, f, g) for f, g in (
-        (t**3 * (10 - 15 * t + 6 * t**2), 1.0),
-        (30 * t**2 * (1 - t) ** 2, 0.0),
-        (60 * t * (1 - t) * (1 - 2 * t), 0.0),
-    ))  # fmt: skip
+    growth = np.where(t < 1, t**3 * (10 - 15 * t + 6 * t**2), 1.0)
+    growth_rate = np.where(t < 1, 30 * t**2 * (1 - t) ** 2, 0.0)
+    growth_acceleration = np.where(t < 1, 60 * t * (1 - t) * (1 - 2 * t), 0.0)
     s, c = SWINGS * np.sin(RATES * t), SWINGS * RATES * np.cos(RATES * t)
     a = -(RATES**2) * s
-    return np.stack([HOME + grown * s, dgrown * s + grown * c, ddgrown * s + 2 * dgrown * c + grown * a])
+    positions = HOME + growth * s
+    velocities = growth_rate * s + growth * c
+    accelerations = growth_acceleration * s + 2 * growth_rate * c + growth * a
+    return np.stack([positions, velocities, accelerations])
 
 
 class Plant:
+    """The robot and its node."""
+
     def __init__(self, urdf, controller):
         self.model = mujoco.MjModel.from_xml_string(urdf)
         self.model.opt.timestep = STEP * 1e-9 / SUBSTEPS
@@ -64,14 +68,14 @@ class Plant:
         self.commands = message.data
 
     def wait_for_controller(self):
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + TIMEOUT
         while not (self.states.get_subscription_count() and self.reference.get_subscription_count()):
             if time.monotonic() > deadline:
-                raise TimeoutError("no controller came")
+                raise TimeoutError("no controller subscribes")
             time.sleep(0.05)
 
-    def step(self, number, patience):
-        """One step in lockstep: (q, qd, efforts)."""
+    def step(self, number, timeout):
+        """Publish the state, wait for its command, and step; q, qd and efforts before the step."""
         ns = (number + 1) * STEP
         stamp = Time(sec=ns // 10**9, nanosec=ns % 10**9)
         state = JointState(name=self.names, position=self.data.qpos.tolist(), velocity=self.data.qvel.tolist())
@@ -79,10 +83,10 @@ class Plant:
         self.commands = None
         self.clock.publish(Clock(clock=stamp))
         self.states.publish(state)
-        deadline = time.monotonic() + patience
+        deadline = time.monotonic() + timeout
         while self.commands is None and time.monotonic() < deadline:
             self.executor.spin_once(timeout_sec=0.05)
-            if self.commands is None and number == 0:  # the controller may not know this process yet
+            if self.commands is None and number == 0:  # the controller may not have discovered this process yet
                 self.states.publish(state)
         if self.commands is None:
             self.missed += 1
@@ -93,10 +97,10 @@ class Plant:
         return before
 
     def send_reference(self, steps):
-        """The trajectory: points each 20 ms, of which all derivatives are told, from rest to rest."""
-        times = np.arange(0.0, (steps - STARTS) * STEP * 1e-9 + 1.0, 0.02)
+        """Publish the trajectory: points with all derivatives every 20 ms, from rest to rest."""
+        times = np.arange(0.0, (steps - START_STEPS) * STEP * 1e-9 + 1.0, 0.02)
         message = JointTrajectory(joint_names=self.names)
-        start = (STARTS + 1) * STEP
+        start = (START_STEPS + 1) * STEP
         message.header.stamp = Time(sec=start // 10**9, nanosec=start % 10**9)
         for t, (q, qd, qdd) in zip(times, np.swapaxes(motion(times), 0, 1), strict=True):
             ns = round(t * 1e9)
@@ -114,23 +118,32 @@ def main():
     parser.add_argument("--seconds", type=float, default=4.0)
     parser.add_argument("--controller", default="/computed_torque")
     parser.add_argument("--namespace", default="/")
-    told = parser.parse_args()
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={told.namespace}"])
-    with open(told.urdf) as file:
-        plant = Plant(file.read(), told.controller)
+    options = parser.parse_args()
+    rclpy.init(args=["--ros-args", "-r", f"__ns:={options.namespace}"])
+    with open(options.urdf) as file:
+        plant = Plant(file.read(), options.controller)
     plant.wait_for_controller()
-    steps = STARTS + round(told.seconds / (STEP * 1e-9))
-    recorded, began = [], time.monotonic()
+    steps = START_STEPS + round(options.seconds / (STEP * 1e-9))
+    records, start = [], time.monotonic()
     for number in range(steps):
-        if number == STARTS // 2:
+        if number == START_STEPS // 2:
             plant.send_reference(steps)
-        recorded.append(plant.step(number, PATIENCE if number == 0 else 1.0))
-    q, qd, efforts = (np.array(values) for values in zip(*recorded, strict=True))
-    t = (np.arange(steps) - STARTS) * STEP * 1e-9
-    wanted = motion(np.maximum(t, 0.0))
-    counted = slice(STARTS + SETTLES, None)
-    np.savez(told.result, t=t[counted], error=(wanted[0] - q)[counted], wanted=wanted[:, counted], q=q, qd=qd,
-             efforts=efforts, missed=plant.missed, took=time.monotonic() - began)  # fmt: skip
+        records.append(plant.step(number, TIMEOUT if number == 0 else 1.0))
+    q, qd, efforts = (np.array(values) for values in zip(*records, strict=True))
+    t = (np.arange(steps) - START_STEPS) * STEP * 1e-9
+    reference = motion(np.maximum(t, 0.0))
+    counted = slice(START_STEPS + RAMP_STEPS, None)
+    np.savez(
+        options.result,
+        t=t[counted],
+        error=(reference[0] - q)[counted],
+        wanted=reference[:, counted],
+        q=q,
+        qd=qd,
+        efforts=efforts,
+        missed=plant.missed,
+        took=time.monotonic() - start,
+    )
     plant.executor.shutdown()
     rclpy.shutdown()
 

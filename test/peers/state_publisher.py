@@ -1,4 +1,4 @@
-"""A robot as a process of its own: joint_states at a rate, to be stopped and killed.
+"""A robot as a separate process that publishes joint_states at a rate; tests stop and kill it.
 
 python state_publisher.py /namespace 500 panda_joint1=0.1 panda_joint2=-0.3 ...
 """
@@ -11,48 +11,48 @@ import rclpy
 from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
 
-SWEEP = 20  # [s] after which a robot that moves begins anew
+SWEEP = 20  # [s] after which a moving robot starts again
 
 
-def arguments():
+def parse_arguments():
     parser = argparse.ArgumentParser()
     parser.add_argument("namespace")
     parser.add_argument("rate", type=float)
     parser.add_argument("joints", nargs="+")
-    parser.add_argument("--subscribers", type=int, default=0, help="wait until there are as many, and get messages")
+    parser.add_argument("--subscribers", type=int, default=0, help="number of subscribers to wait for")
     parser.add_argument("--unstamped", action="store_true", help="header.stamp is zero")
-    parser.add_argument("--drift", type=float, default=0.0, help="of the second joint in a sweep [rad/s]")
+    parser.add_argument("--drift", type=float, default=0.0, help="velocity of the second joint [rad/s]")
     return parser.parse_args()
 
 
 def drifted(position, drift, now):
-    """Where a joint is at a time [ns]."""
+    """Position of a joint with a drift [rad/s] at a time [ns]."""
     return position + drift * (now % (SWEEP * 10**9)) * 1e-9
 
 
 def main():
-    given = arguments()
-    rclpy.init(args=["--ros-args", "-r", f"__ns:={given.namespace}"])
+    options = parse_arguments()
+    rclpy.init(args=["--ros-args", "-r", f"__ns:={options.namespace}"])
     publisher = rclpy.create_node("robot").create_publisher(JointState, "joint_states", 1)
-    told = [joint.split("=") for joint in given.joints]
-    message = JointState(name=[name for name, _ in told])
-    positions = array("d", [float(value) for _, value in told])
-    message.velocity = array("d", bytes(8 * len(told)))
-    while publisher.get_subscription_count() < given.subscribers:
+    joints = [joint.split("=") for joint in options.joints]
+    message = JointState(name=[name for name, _ in joints])
+    positions = array("d", [float(value) for _, value in joints])
+    message.velocity = array("d", bytes(8 * len(joints)))
+    while publisher.get_subscription_count() < options.subscribers:
         time.sleep(0.02)
-    if given.subscribers:
-        time.sleep(0.3)  # until they know this publisher as well
-    following = time.monotonic()
+    if options.subscribers:
+        time.sleep(0.3)  # until they have discovered this publisher as well
+    next_time = time.monotonic()
     while True:
         now = time.time_ns()
         message.position = positions
-        if given.drift:
-            message.position[1] = drifted(positions[1], given.drift, now)
-        if not given.unstamped:
+        if options.drift:
+            message.position[1] = drifted(positions[1], options.drift, now)
+        if not options.unstamped:
             message.header.stamp = Time(sec=now // 10**9, nanosec=now % 10**9)
         publisher.publish(message)
-        following = max(following + 1 / given.rate, time.monotonic() - 0.01)
-        time.sleep(max(0.0, following - time.monotonic()))
+        next_time = max(next_time + 1 / options.rate, time.monotonic() - 0.01)
+        time.sleep(max(0.0, next_time - time.monotonic()))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Robots with closed loops: they stay closed and keep their energy; other robots of the library move too."""
+"""Motion of robots with closed loops and with elastic joints: closure, energy, direct model."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ def without_friction(name):
 
 
 def energy(robot, q, qd):
-    """Kinetic and potential energy [J], link by link, rotors too."""
+    """Kinetic and potential energy [J], summed over links and rotors."""
     motion, kinetic, potential = link_motion(robot, q, qd), 0.0, 0.0
     for link, pose, velocity in zip(robot.links, motion.poses, motion.velocities, strict=True):
         R, inertia = pose[:3, :3], link.inertia
@@ -31,27 +31,27 @@ def energy(robot, q, qd):
 
 
 @pytest.mark.parametrize(("name", "speed"), [("four_bar", 2.0), ("five_bar", 0.5)])
-def test_loops_stay_closed_and_energy_is_kept(name, speed):
+def test_loops_stay_closed_and_conserve_energy(name, speed):
     robot = without_friction(name)
     simulation = Simulation(robot)
     simulation.start(velocities=np.full(len(simulation.joint_names), speed))
     dynamics = simulation.dynamics
 
-    def found():
+    def check_loops_and_compute_energy():
         state = simulation.state
         assert np.abs(loop_equations(robot, state.joint_positions).residual).max() < 1e-9
         return energy(robot, state.joint_positions, dynamics.expand_velocities(state.velocities, state.joint_positions))
 
-    start, most, peak = sum(found()), 0.0, 0.0
-    np.testing.assert_allclose(simulation.energy(), found(), rtol=1e-10)
+    start, largest_change, peak = sum(check_loops_and_compute_energy()), 0.0, 0.0
+    np.testing.assert_allclose(simulation.energy(), check_loops_and_compute_energy(), rtol=1e-10)
     for _ in range(12):
         simulation.advance(25)
-        kinetic, potential = found()
-        most, peak = max(most, abs(kinetic + potential - start)), max(peak, kinetic)
-    assert most < 1e-8 * peak
+        kinetic, potential = check_loops_and_compute_energy()
+        largest_change, peak = max(largest_change, abs(kinetic + potential - start)), max(peak, kinetic)
+    assert largest_change < 1e-8 * peak
 
 
-def test_a_loop_moves_as_its_direct_model_says():
+def test_four_bar_motion_is_that_of_its_direct_model():
     robot = without_friction("four_bar")
     simulation, dynamics = Simulation(robot), Dynamics(robot)
     simulation.start()
@@ -67,7 +67,7 @@ def test_a_loop_moves_as_its_direct_model_says():
     np.testing.assert_allclose([state.positions[0], state.velocities[0]], end, atol=1e-7)
 
 
-def test_elastic_gears_swing_as_their_own_equations_say():
+def test_elastic_joint_motion_is_that_of_the_direct_model():
     robot = without_friction("manutec_r3")
     simulation = Simulation(robot, step=0.0005)
     dynamics = Dynamics(robot)

@@ -1,4 +1,4 @@
-"""Friction of joints: dry friction sticks and slides as the law says, viscous friction damps at any strength."""
+"""Joint friction: sticking and sliding with dry friction, damping with viscous friction of any strength."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def flywheel(dry=0.0, viscous=0.0, inertia=INERTIA):
         <dynamics friction="{dry}" damping="{viscous}"/></joint></robot>"""
 
 
-def test_a_joint_sticks_until_the_effort_exceeds_dry_friction():
+def test_joint_sticks_until_the_effort_exceeds_dry_friction():
     simulation = Simulation(load_robot(flywheel(dry=2.0)))
     for effort in (1.0, -1.99, 2.0):
         state = simulation.advance(200, efforts=[effort])
@@ -25,7 +25,7 @@ def test_a_joint_sticks_until_the_effort_exceeds_dry_friction():
     assert state.velocities[0] == pytest.approx((3.0 - 2.0) / INERTIA, rel=1e-12)
 
 
-def test_a_sliding_joint_comes_to_rest_when_and_where_friction_says():
+def test_sliding_joint_stops_at_the_time_and_place_of_dry_friction():
     simulation = Simulation(load_robot(flywheel(dry=2.0)))
     simulation.start(velocities=[4.0])
     state = simulation.advance(1100)
@@ -40,13 +40,13 @@ def test_viscous_friction_is_exact_where_steps_are_short():
     assert simulation.advance(1000).velocities[0] == pytest.approx(4.0 * np.exp(-0.7 / INERTIA), rel=1e-12)
 
 
-def test_viscous_friction_that_is_too_strong_for_explicit_steps_still_damps():
+def test_viscous_friction_too_strong_for_explicit_steps_still_damps():
     simulation = Simulation(load_robot(flywheel(viscous=1.0, inertia=1e-6)))
     state = simulation.advance(100, efforts=[0.5])
     assert state.velocities[0] == pytest.approx(0.5, rel=1e-5)  # effort / Fv
 
 
-def test_a_pendulum_with_dry_friction_stops_within_the_angles_that_friction_holds():
+def test_pendulum_with_dry_friction_stops_at_an_angle_of_static_equilibrium():
     urdf = flywheel(dry=0.8).replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>')
     urdf = urdf.replace('<mass value="1"/>', '<origin xyz="0 0 -0.4"/><mass value="1"/>')
     simulation = Simulation(load_robot(urdf))
@@ -56,18 +56,18 @@ def test_a_pendulum_with_dry_friction_stops_within_the_angles_that_friction_hold
     assert 0 < abs(np.sin(state.positions[0])) * 9.81 * 0.4 <= 0.8
     # one half swing loses 2 F φ: m g l (cos φ1 - cos φ0) = F (φ0 + φ1)
     simulation.reset()
-    turned = 1.2
+    least_angle = 1.2
     while (state := simulation.advance(1)).velocities[0] <= 0 and state.time < 3:
-        turned = state.positions[0]
-    assert 9.81 * 0.4 * (np.cos(turned) - np.cos(1.2)) == pytest.approx(0.8 * (1.2 - turned), rel=5e-3)
+        least_angle = state.positions[0]
+    assert 9.81 * 0.4 * (np.cos(least_angle) - np.cos(1.2)) == pytest.approx(0.8 * (1.2 - least_angle), rel=5e-3)
 
 
 def test_many_joints_stick_together():
     simulation = Simulation(load_robot("puma560"))  # its table has dry friction
-    held = simulation.dynamics.gravity(np.zeros(6))
+    gravity_efforts = simulation.dynamics.gravity(np.zeros(6))
     dry = np.array([joint.coulomb_friction for joint in simulation.robot.joints])
     assert (dry > 0).all()
-    state = simulation.advance(300, efforts=held + 0.9 * dry)
+    state = simulation.advance(300, efforts=gravity_efforts + 0.9 * dry)
     np.testing.assert_allclose(state.velocities, 0, atol=1e-12)
     np.testing.assert_allclose(state.positions, 0, atol=1e-12)
-    assert (np.abs(simulation.advance(300, efforts=held + 1.5 * dry).velocities) > 1e-3).any()
+    assert (np.abs(simulation.advance(300, efforts=gravity_efforts + 1.5 * dry).velocities) > 1e-3).any()

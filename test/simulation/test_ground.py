@@ -1,4 +1,4 @@
-"""A box on ground that gives: it rests at the height of the springs, and slides as far as friction says."""
+"""Elastic ground: a box rests at the height of the springs, slides with friction, and bounces."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from robot_dynamics import Base, DescriptionError, Dynamics, InvalidInputError, load_robot
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Ground, Simulation
-from robot_dynamics.simulation.plant import FrameKinematics
+from robot_dynamics.simulation.frame_kinematics import FrameKinematics
 
 MASS, HALF, HEIGHT = 2.0, 0.15, 0.05  # [kg], [m]: a flat box, so that it does not tip
 CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -26,8 +26,8 @@ def box():
         izz="{up}" ixy="0" ixz="0" iyz="0"/></inertial></link>{links}{fixed}</robot>"""
 
 
-def standing(gravity=(0, 0, -9.81), velocity=(0, 0, 0), **settings):
-    """A Simulation of the box, as deep in the ground as it rests."""
+def resting_box(gravity=(0, 0, -9.81), velocity=(0, 0, 0), **settings):
+    """A Simulation of the box, at its depth of rest in the ground."""
     ground = Ground(CORNERS, stiffness=STIFFNESS, damping=100.0, friction=FRICTION, **settings)
     simulation = Simulation(load_robot(box(), moving_base=True, gravity=list(gravity)), ground=ground)
     pose = np.eye(4)
@@ -36,8 +36,8 @@ def standing(gravity=(0, 0, -9.81), velocity=(0, 0, 0), **settings):
     return simulation
 
 
-def test_it_rests_where_springs_bear_its_weight():
-    simulation = standing()
+def test_box_rests_where_springs_bear_its_weight():
+    simulation = resting_box()
     pose = np.eye(4)
     pose[2, 3] = HEIGHT + 0.03
     simulation.start(base=Base(pose))
@@ -45,27 +45,27 @@ def test_it_rests_where_springs_bear_its_weight():
     state = simulation.advance(1300)
     assert state.pose[2, 3] == pytest.approx(HEIGHT - MASS * 9.81 / (4 * STIFFNESS), abs=1e-9)
     assert np.abs(state.twist).max() < 1e-6 and highest > 0  # it has bounced
-    lost = simulation.ground.forces(np.array([[0, 0, -0.001]]), np.array([[0, 0, 1.0]]))
-    np.testing.assert_array_equal(lost, np.zeros((1, 3)))  # ground does not pull at what leaves it
+    force_on_leaving_point = simulation.ground.forces(np.array([[0, 0, -0.001]]), np.array([[0, 0, 1.0]]))
+    np.testing.assert_array_equal(force_on_leaving_point, np.zeros((1, 3)))  # no pull
 
 
-def test_a_pushed_box_comes_to_rest_where_friction_says():
+def test_pushed_box_slides_the_stopping_distance_of_friction():
     speed = 0.9
-    simulation = standing(velocity=(speed * 0.8, speed * 0.6, 0))
+    simulation = resting_box(velocity=(speed * 0.8, speed * 0.6, 0))
     state = simulation.advance(800)
-    way = speed**2 / (2 * FRICTION * 9.81)
+    stopping_distance = speed**2 / (2 * FRICTION * 9.81)
     assert state.time > speed / (FRICTION * 9.81)
     distance = np.hypot(*state.pose[:2, 3])
-    print(f"slid {distance:.5f} m, v²/(2 μ g) = {way:.5f} m")
-    assert distance == pytest.approx(way, rel=5e-3)
+    print(f"slid {distance:.5f} m, v²/(2 μ g) = {stopping_distance:.5f} m")
+    assert distance == pytest.approx(stopping_distance, rel=5e-3)
     np.testing.assert_allclose(state.pose[:2, 3] / distance, [0.8, 0.6], atol=1e-3)
     assert np.abs(state.twist).max() < 1e-5
 
 
 @pytest.mark.parametrize(("slope", "slides"), [(0.35, False), (0.6, True)])
-def test_on_a_slope_it_holds_or_slides_as_the_angle_of_friction_says(slope, slides):
+def test_box_on_a_slope_slides_beyond_the_angle_of_friction(slope, slides):
     g = 9.81
-    simulation = standing(gravity=(g * np.sin(slope), 0, -g * np.cos(slope)))
+    simulation = resting_box(gravity=(g * np.sin(slope), 0, -g * np.cos(slope)))
     state = simulation.advance(600)
     if not slides:
         assert np.tan(slope) < FRICTION and abs(state.twist[0]) < 2 * simulation.ground.slip_velocity
@@ -75,9 +75,9 @@ def test_on_a_slope_it_holds_or_slides_as_the_angle_of_friction_says(slope, slid
     assert (after - before) / 0.2 == pytest.approx(g * (np.sin(slope) - FRICTION * np.cos(slope)), rel=1e-3)
 
 
-def test_a_push_less_than_friction_moves_nothing_and_a_greater_one_does():
+def test_box_moves_only_if_the_push_exceeds_friction():
     for force, moves in ((0.9 * FRICTION * MASS * 9.81, False), (1.2 * FRICTION * MASS * 9.81, True)):
-        simulation = standing()
+        simulation = resting_box()
         early = simulation.advance(300, external_wrenches={"box": [force, 0, 0, 0, 0, 0]})
         late = simulation.advance(200, external_wrenches={"box": [force, 0, 0, 0, 0, 0]})
         if moves:
@@ -86,7 +86,7 @@ def test_a_push_less_than_friction_moves_nothing_and_a_greater_one_does():
             assert abs(late.twist[0]) < 3 * simulation.ground.slip_velocity
 
 
-def test_points_on_links_are_where_joints_put_them_and_move_as_joints_move_them():
+def test_frame_kinematics_are_those_of_link_poses():
     dynamics = Dynamics(load_robot("free_flying_arm"))
     names, rng = ("arm_tool0", "arm_forearm_link", dynamics.robot.base_link), np.random.default_rng(5)
     q, rates, h = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, 12), 1e-6
@@ -96,11 +96,11 @@ def test_points_on_links_are_where_joints_put_them_and_move_as_joints_move_them(
         np.testing.assert_allclose(rotations[k], pose[:3, :3], atol=1e-14)
         np.testing.assert_allclose(positions[k], pose[:3, 3], atol=1e-14)
         before, after = (dynamics.link_pose(name, q + sign * h * rates[6:], base=Base())[:3, 3] for sign in (-1, 1))
-        carried = rates[:3] + np.cross(rates[3:6], positions[k])
-        np.testing.assert_allclose(velocities[k], carried + (after - before) / (2 * h), atol=1e-8)
+        base_velocity = rates[:3] + np.cross(rates[3:6], positions[k])
+        np.testing.assert_allclose(velocities[k], base_velocity + (after - before) / (2 * h), atol=1e-8)
 
 
-def test_an_arm_that_leans_on_the_ground_is_pushed_back_at_its_tip():
+def test_ground_pushes_an_arm_at_its_tip():
     robot = load_robot("ur5e", gravity=[0, 0, 0])
     probe, q = Dynamics(robot), np.array([0.0, -0.5, 1.2, -0.7, 0.3, 0.0])
     height = probe.link_pose("tool0", q)[2, 3] + 1e-3
@@ -111,7 +111,7 @@ def test_an_arm_that_leans_on_the_ground_is_pushed_back_at_its_tip():
     np.testing.assert_allclose(simulation.accelerations()[1], expected, rtol=1e-9)
 
 
-def test_grounds_that_cannot_be_are_refused():
+def test_invalid_grounds_are_refused():
     for settings, message in (
         ({"friction": -0.1}, "friction is -0.1"),
         ({"stiffness": 0.0}, "must be positive"),
@@ -124,7 +124,7 @@ def test_grounds_that_cannot_be_are_refused():
 
 
 @pytest.mark.parametrize("stiffness", [2e4, 1e7, 1e9])
-def test_a_fast_impact_keeps_its_energy_and_goes_as_deep_as_the_spring_says(stiffness):
+def test_fast_impact_conserves_energy_and_reaches_the_depth_of_the_spring(stiffness):
     speed, step = 30.0, 1e-3
     ground = Ground(CORNERS, stiffness=stiffness, damping=0.0, friction=0.0)
     simulation = Simulation(load_robot(box(), moving_base=True), ground=ground, step=step)

@@ -1,4 +1,4 @@
-"""Joint motions given, base motion out (Khalil, section 7.2): as momentum conservation says."""
+"""Base motion for prescribed joint motion (Khalil, section 7.2), by conservation of momentum."""
 
 import numpy as np
 import pytest
@@ -32,11 +32,11 @@ def base_of_momentum(peer, start, seconds):
         turning = [w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c]
         return np.concatenate([R.apply(twist[:3]), 0.5 * np.array(turning)])
 
-    found = solve_ivp(derivative, (0, seconds), [0, 0, 0, 0, 0, 0, 1], method="DOP853", rtol=1e-12, atol=1e-13)
-    return found.y[:3, -1], Rotation.from_quat(found.y[3:, -1])
+    solution = solve_ivp(derivative, (0, seconds), [0, 0, 0, 0, 0, 0, 1], method="DOP853", rtol=1e-12, atol=1e-13)
+    return solution.y[:3, -1], Rotation.from_quat(solution.y[3:, -1])
 
 
-def test_base_moves_by_reaction_as_conservation_of_momentum_says():
+def test_base_reaction_conserves_momentum():
     simulation, peer = flying(step=0.005)
     simulation.start()
     state = simulation.advance(1000, motion=swing)
@@ -49,7 +49,7 @@ def test_base_moves_by_reaction_as_conservation_of_momentum_says():
     np.testing.assert_array_equal(state.positions, swing(5.0)[0])
 
 
-def test_a_jump_to_the_motion_keeps_the_momentum():
+def test_jump_to_the_motion_conserves_momentum():
     simulation, peer = flying()
     simulation.start(velocities=[0.5, 0, 0, 0, 0, 0], base=Base(twist=TWIST))
     before = momentum(peer, np.zeros(6), simulation.state.velocities, np.eye(4), TWIST)
@@ -59,7 +59,7 @@ def test_a_jump_to_the_motion_keeps_the_momentum():
     assert np.abs(state.twist - TWIST).max() > 1e-6
 
 
-def test_a_fixed_base_stays_where_it_is():
+def test_fixed_base_does_not_move():
     simulation = Simulation(load_robot("ur5e"))
     state = simulation.advance(10, motion=swing)
     np.testing.assert_array_equal(state.pose, np.eye(4))

@@ -1,4 +1,4 @@
-"""What any simulation does: it repeats itself, goes back exactly, and refuses what it cannot do."""
+"""Simulation: repeatability, reset, continuation, accelerations, invalid arguments."""
 
 import numpy as np
 import pytest
@@ -17,45 +17,45 @@ def run(simulation):
     return simulation.advance(50, efforts=-EFFORTS, external_wrenches=wrenches)
 
 
-def assert_same(one, other):
-    assert (one.steps, one.time) == (other.steps, other.time)
+def assert_same(first, second):
+    assert (first.steps, first.time) == (second.steps, second.time)
     for name in ("pose", "twist", "positions", "velocities", "joint_positions"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name), err_msg=name)
 
 
-def test_it_repeats_itself_bit_for_bit_and_goes_back_exactly():
+def test_simulation_repeats_bit_for_bit_and_resets_exactly():
     ends = []
     for _ in range(2):
         simulation = Simulation(load_robot("free_flying_arm"))
         simulation.start(velocities=VELOCITIES, base=Base(twist=TWIST))
-        begun = simulation.state
+        start = simulation.state
         ends.append(run(simulation))
         simulation.reset()
-        assert_same(simulation.state, begun)
+        assert_same(simulation.state, start)
         ends.append(run(simulation))
     for end in ends[1:]:
         assert_same(ends[0], end)
 
 
-def test_another_simulation_goes_on_from_where_one_is():
-    one, other = Simulation(load_robot("free_flying_arm")), Simulation(load_robot("free_flying_arm"), step=5e-4)
-    one.start(velocities=VELOCITIES, base=Base(twist=TWIST))
-    was = one.advance(50, efforts=EFFORTS)
-    begins = other.state
-    other.continue_from(one)
-    assert other.state.time == 0 and one.state is was
-    np.testing.assert_array_equal(other.state.rates, was.rates)
-    one.advance(50, efforts=EFFORTS)
-    other.advance(100, efforts=EFFORTS)
-    np.testing.assert_allclose(other.state.positions, one.state.positions, atol=1e-9)
-    np.testing.assert_allclose(other.state.pose, one.state.pose, atol=1e-9)
-    other.reset()
-    assert_same(other.state, begins)
-    with pytest.raises(InvalidInputError, match="on a free base is none of"):
-        Simulation(load_robot("ur5e")).continue_from(one)
+def test_continue_from_takes_over_the_state_of_another_simulation():
+    first, second = Simulation(load_robot("free_flying_arm")), Simulation(load_robot("free_flying_arm"), step=5e-4)
+    first.start(velocities=VELOCITIES, base=Base(twist=TWIST))
+    first_state = first.advance(50, efforts=EFFORTS)
+    second_start = second.state
+    second.continue_from(first)
+    assert second.state.time == 0 and first.state is first_state
+    np.testing.assert_array_equal(second.state.rates, first_state.rates)
+    first.advance(50, efforts=EFFORTS)
+    second.advance(100, efforts=EFFORTS)
+    np.testing.assert_allclose(second.state.positions, first.state.positions, atol=1e-9)
+    np.testing.assert_allclose(second.state.pose, first.state.pose, atol=1e-9)
+    second.reset()
+    assert_same(second.state, second_start)
+    with pytest.raises(InvalidInputError, match=r"cannot continue from .* on a free base"):
+        Simulation(load_robot("ur5e")).continue_from(first)
 
 
-def test_a_wrench_on_a_link_is_that_of_the_direct_model():
+def test_external_wrench_acts_as_in_the_direct_model():
     simulation = Simulation(load_robot("ur5e"))
     q, qd, wrench = np.full(6, 0.3), np.full(6, 0.2), np.array([5.0, -3.0, 2.0, 0.3, 0.2, -0.1])
     simulation.start(q, qd)
@@ -68,16 +68,16 @@ def test_a_wrench_on_a_link_is_that_of_the_direct_model():
 def test_acceleration_of_the_base_is_the_derivative_of_its_velocity():
     simulation = Simulation(load_robot("free_flying_arm"), step=1e-4)
     simulation.start(velocities=VELOCITIES, base=Base(twist=[0.3, -0.5, 0.2, 0.4, 0.6, -0.3]))
-    seen = []
+    samples = []
     for _ in range(3):
         state = simulation.state
-        seen.append((state.pose[:3, :3] @ state.twist[:3], state.pose[:3, :3], simulation.accelerations()[0]))
+        samples.append((state.pose[:3, :3] @ state.twist[:3], state.pose[:3, :3], simulation.accelerations()[0]))
         simulation.advance()
-    (before, _, _), (_, R, acceleration), (after, _, _) = seen
+    (before, _, _), (_, R, acceleration), (after, _, _) = samples
     np.testing.assert_allclose(R @ acceleration[:3], (after - before) / 2e-4, atol=1e-6)
 
 
-def test_what_diverges_is_told_and_the_last_good_state_stays():
+def test_diverging_simulation_raises_and_keeps_the_last_good_state():
     simulation = Simulation(load_robot("ur5e"), step=0.01)
     simulation.start(velocities=np.full(6, 3000.0))
     with pytest.raises(SimulationError, match="step is too long"):
@@ -88,7 +88,7 @@ def test_what_diverges_is_told_and_the_last_good_state_stays():
 
 
 @pytest.mark.parametrize(
-    ("do", "message"),
+    ("call", "message"),
     [
         (lambda s: s.advance(efforts=[1.0]), r"efforts has shape \(1,\)"),
         (lambda s: s.advance(efforts=[np.nan] * 6), r"efforts\[0\] is nan"),
@@ -100,23 +100,24 @@ def test_what_diverges_is_told_and_the_last_good_state_stays():
         (lambda s: s.momentum(), "no momentum of its own"),
     ],
 )
-def test_what_does_not_fit_is_refused(do, message):
+def test_invalid_arguments_are_refused(call, message):
     simulation = Simulation(load_robot("ur5e"))
-    with pytest.raises(RobotDynamicsError, match=message) as refused:
-        do(simulation)
-    assert isinstance(refused.value, InvalidInputError)
+    with pytest.raises(RobotDynamicsError, match=message) as caught:
+        call(simulation)
+    assert isinstance(caught.value, InvalidInputError)
     assert simulation.state.steps == 0
 
 
-def test_states_cannot_be_written_into():
+def test_state_arrays_are_read_only():
     state = Simulation(load_robot("ur5e")).state
     with pytest.raises(ValueError, match="read-only"):
         state.positions[0] = 1.0
 
 
 @pytest.mark.parametrize("steps", [1.5, -5, "3", None, np.nan])
-def test_steps_that_are_no_number_of_steps_are_refused(steps):
+def test_invalid_numbers_of_steps_are_refused(steps):
     simulation = Simulation(load_robot("free_flying_arm"))
-    with pytest.raises(InvalidInputError, match=r"advance by .* steps: a whole number is needed.*a step is 0.001 s"):
+    message = r"cannot advance by .* steps: a non-negative integer is needed.*a step is 0.001 s"
+    with pytest.raises(InvalidInputError, match=message):
         simulation.advance(steps)
     assert simulation.advance(0).steps == 0 and simulation.advance(np.int64(2)).steps == 2

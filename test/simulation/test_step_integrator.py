@@ -1,4 +1,4 @@
-"""The integrator has the order that it claims, and its charts are those of SO(3)."""
+"""Order of the Runge-Kutta method, and charts of SO(3)."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from robot_dynamics.simulation.rotation import SERIES_SQUARED_ANGLE, exponential
 from robot_dynamics.simulation.runge_kutta import increment
 
 
-def test_method_is_of_order_six():
+def test_runge_kutta_method_is_of_order_six():
     errors = []
     for steps in (20, 40):
         y, h = np.array([1.0, 0.0]), 2.0 / steps
@@ -27,13 +27,13 @@ def test_error_estimate_is_that_of_an_embedded_method_of_order_four():
     assert 4.5 < np.log2(estimates[0] / estimates[1]) < 5.6  # the error of one step is of order h⁵
 
 
-def test_rotations_beyond_all_bounds_are_not_numbers():
+def test_rotation_vectors_that_are_too_large_give_nan():
     for phi in ([np.inf, 0, 0], [np.nan, 0, 0], [1e200, 0, 0]):
         assert np.isnan(exponential(np.array(phi))).all()
         assert np.isnan(rotation_vector_rate(np.array(phi), np.ones(3))).all()
 
 
-def test_time_is_given_to_the_derivative_at_each_stage():
+def test_derivative_gets_the_time_of_each_stage():
     change, _ = increment(lambda t, y: np.array([6 * t**5]), 1.0, np.zeros(1), 0.5)
     assert change[0] == pytest.approx(1.5**6 - 1, rel=1e-14)
 
@@ -52,7 +52,7 @@ def test_rotation_vectors_are_those_of_scipy(angle):
     np.testing.assert_allclose(rotation_vector_rate(phi, omega), (after - before) / (2 * h), atol=3e-7)
 
 
-def test_series_and_closed_forms_meet():
+def test_series_and_closed_forms_of_rotations_agree():
     phi = np.array([0.1, -0.15, np.sqrt(SERIES_SQUARED_ANGLE - 0.0325)])
     omega = np.array([1.0, -2.0, 0.5])
     below, above = (rotation_vector_rate(phi * share, omega) for share in (1 - 1e-12, 1 + 1e-12))
@@ -60,9 +60,9 @@ def test_series_and_closed_forms_meet():
     np.testing.assert_allclose(exponential(phi * (1 - 1e-12)), exponential(phi * (1 + 1e-12)), atol=1e-12)
 
 
-def test_a_rotation_that_rounding_has_bent_is_straightened():
+def test_orthonormalize_removes_rounding():
     R = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix()
-    bent = R + 1e-8 * np.random.default_rng(0).normal(size=(3, 3))
-    straight = orthonormalize(bent)
-    assert np.abs(straight @ straight.T - np.eye(3)).max() < 1e-15
-    assert np.abs(straight - R).max() < 5e-8
+    rounded = R + 1e-8 * np.random.default_rng(0).normal(size=(3, 3))
+    orthonormal = orthonormalize(rounded)
+    assert np.abs(orthonormal @ orthonormal.T - np.eye(3)).max() < 1e-15
+    assert np.abs(orthonormal - R).max() < 5e-8

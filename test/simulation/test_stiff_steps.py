@@ -1,4 +1,4 @@
-"""Steps that are too long for what vibrates: divided into parts, or refused; never numbers that mean nothing."""
+"""Steps that are too long for vibrations: divided into parts, or refused."""
 
 import logging
 
@@ -34,17 +34,17 @@ def arm(tmp_path, damping, step=1e-3):
     return simulation
 
 
-def test_a_strong_damper_is_integrated_in_parts_and_said(tmp_path, caplog):
-    """Overdamped, the deflection decays with k/c: the inertia has no part in it."""
+def test_strong_damper_is_integrated_in_parts_with_a_warning(tmp_path, caplog):
+    """Overdamped, the deflection decays with k/c: the inertia does not matter."""
     simulation = arm(tmp_path, damping=20.0)
     with caplog.at_level(logging.WARNING):
         state = simulation.advance(200)
     assert state.positions[0] == pytest.approx(0.3 * np.exp(-STIFFNESS / 20.0 * 0.2), rel=2e-3)
-    said = [record.getMessage() for record in caplog.records if "too long" in record.getMessage()]
-    assert len(said) == 1 and "'stiff'" in said[0] and "0.001 s" in said[0]
+    messages = [record.getMessage() for record in caplog.records if "too long" in record.getMessage()]
+    assert len(messages) == 1 and "'stiff'" in messages[0] and "0.001 s" in messages[0]
 
 
-def test_an_undamped_spring_keeps_energy_and_momentum_in_parts(tmp_path):
+def test_stiff_spring_conserves_energy_and_momentum_in_parts(tmp_path):
     simulation = arm(tmp_path, damping=0.0, step=5e-3)
     start = sum(simulation.energy())
     for _ in range(20):
@@ -54,7 +54,7 @@ def test_an_undamped_spring_keeps_energy_and_momentum_in_parts(tmp_path):
 
 
 @pytest.mark.parametrize("damping", [100.0, 1000.0, 1e6])
-def test_what_cannot_be_integrated_is_refused_and_the_state_stays(tmp_path, damping):
+def test_steps_that_are_too_long_raise_and_keep_the_state(tmp_path, damping):
     simulation = arm(tmp_path, damping)
     start = simulation.state
     with pytest.raises(SimulationError, match=r"at 0 s the step is too long.*shorter step"):

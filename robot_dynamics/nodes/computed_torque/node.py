@@ -163,7 +163,7 @@ class ComputedTorque(LifecycleNode):
         gc.freeze()  # what there is by now stays, and is not searched for garbage while efforts are due
         self._controller.restart()
         self._last_time, self._ticked, self._heard_at, self._active = -np.inf, None, np.inf, True
-        self._fault_log.restart(self._controller.watchdog.reason)
+        self._fault_log.restart(self._controller.watchdog.rejection_reason)
         for transit in self._transits.values():
             transit.restart()
         return super().on_activate(state)
