@@ -268,7 +268,7 @@ def test_questions_that_do_not_fit():
     with pytest.raises(InvalidInputError, match=r"the end of 'upper\.2' is turned by 1\.2 rad"):
         flexible.direct(rest, rest, rest, np.where(np.arange(m) == 11, 1.2, 0), straight)
     assert flexible.direct(np.zeros((0, 2)), rest, rest, straight, straight).efforts.shape == (0, 2)
-    with pytest.raises(InvalidInputError, match="do not go together"):
+    with pytest.raises(InvalidInputError, match="do not match"):
         flexible.direct(np.zeros((3, 2)), rest, rest, np.zeros((2, m)), straight)
     with pytest.raises(InvalidInputError, match="has loops"):
         _ = Dynamics(load_robot("four_bar")).flexible_arm

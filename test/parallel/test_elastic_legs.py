@@ -123,5 +123,7 @@ def test_what_springs_cannot_be_told_is_refused():
     poses, twists, _, other_joints = states(MOUNTS)
     pushed = np.zeros(other_joints[2].shape)
     pushed[0, 2] = 3.0
-    with pytest.raises(InvalidInputError, match=r"accelerations of others\[2\] is 3: joint 'mount_lower_1': no motor"):
+    with pytest.raises(
+        InvalidInputError, match=r"accelerations of other joints\[2\] is 3: joint 'mount_lower_1': no motor"
+    ):
         MOUNTS.platform.inverse(poses, twists, None, other_joints=(*other_joints[:2], pushed))

@@ -176,7 +176,7 @@ def test_what_does_not_fit_is_told():
         platform.solve(poses, twists)
     with pytest.raises(InvalidInputError, match=r"has 2 platforms \(lower, upper\): say which"):
         _ = dynamics.robot.platform
-    with pytest.raises(InvalidInputError, match="positions of others has shape"):
+    with pytest.raises(InvalidInputError, match="positions of other joints has shape"):
         dynamics.platforms["upper"].joint_positions(poses["upper"], other_joints=[np.zeros(5)])
     with pytest.raises(InvalidInputError, match="unknown platform 'foo': known are lower, upper"):
         dynamics.platforms["foo"]

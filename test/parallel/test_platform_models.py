@@ -252,9 +252,9 @@ def test_motors_that_do_not_control_the_platform_are_refused_with_their_rank():
 @pytest.mark.parametrize(
     ("free", "told"),
     [
-        ("[x, y, z, yaw]", r"mobility 3\), and x, y, z, yaw do not tell them: write free: \[x, y, z\]"),
-        ("[x, y]", r"mobility 3\), and x, y do not tell them: write free: \[x, y, z\]"),
-        ("[x, y, yaw]", r"mobility 3\), and x, y, yaw do not tell them: write free: \[x, y, z\]"),
+        ("[x, y, z, yaw]", r"mobility 3\), which x, y, z, yaw do not determine: write free: \[x, y, z\]"),
+        ("[x, y]", r"mobility 3\), which x, y do not determine: write free: \[x, y, z\]"),
+        ("[x, y, yaw]", r"mobility 3\), which x, y, yaw do not determine: write free: \[x, y, z\]"),
     ],
 )
 def test_free_coordinates_that_are_not_those_of_the_legs_are_refused_with_those_that_are(free, told):
