@@ -1,4 +1,4 @@
-"""Checks of the arguments of the dynamic models, each made once, and their conversion to what the recursions take."""
+"""Checks of the arguments of the dynamic models, and their conversion to the arguments of the recursions."""
 
 from __future__ import annotations
 
@@ -81,10 +81,10 @@ def require_finite(
 
     Parameters
     ----------
-    label : what the values are, for error messages.
+    label : name of the values in error messages.
     values : array_like, shape (..., size)
     size : length of the last axis.
-    entry_names : what the entries of the last axis belong to, for error messages.
+    entry_names : description of the entries of the last axis in error messages.
     ignored_columns : {column: why it takes no value}. Entries there must be 0 or nan, and become 0.
 
     Raises
@@ -126,7 +126,7 @@ def _require_empty(label: str, entries: Array, column: int, reason: str) -> None
 
 
 def base_state(robot: Robot, base: Base | None) -> BaseState:
-    """Return the BaseState of a robot whose base moves as `base` says, or is fixed where `base` is None."""
+    """Return the BaseState of a robot; `base` is None where the base is fixed."""
     if not robot.moving_base:
         if base is not None:
             raise InvalidInputError(f"the base of {robot.name!r} is fixed: leave out the state of the base")
@@ -149,7 +149,7 @@ def _rest_acceleration(gravity: Array) -> Array:
 
 
 def require_pose(pose: ArrayLike, label: str) -> Array:
-    """Return homogeneous matrices (..., 4, 4); `label` says in error messages which pose it is."""
+    """Return homogeneous matrices (..., 4, 4); `label` names the pose in error messages."""
     if np.shape(pose)[-2:] != (4, 4):
         raise InvalidInputError(f"{label} has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
     matrices = require_finite(label, pose, 4, "columns")

@@ -31,13 +31,13 @@ COMPILE_AFTER = 0.2  # seconds of recursions after which a program is compiled
 class MatrixLayout(NamedTuple):
     """Positions of the program's results in a matrix.
 
-    template: the matrix (n, m) with its constant entries; places: (p,) of the other entries in the flattened matrix;
-    values: (p,) numbers of the results that these are; signs: (p,).
+    template: the matrix (n, m) with its constant entries; indices: (p,) of the other entries in the flattened matrix;
+    results: (p,) numbers of the program's results in these entries; signs: (p,) of the results there.
     """
 
     template: Array
-    places: IntArray
-    values: IntArray
+    indices: IntArray
+    results: IntArray
     signs: IntArray
 
     def fill(self, values: Array) -> Array:
@@ -45,7 +45,7 @@ class MatrixLayout(NamedTuple):
         batch = values.shape[:-1]
         flat = np.empty((*batch, self.template.size))
         flat[...] = self.template.ravel()
-        flat[..., self.places] = values[..., self.values] * self.signs
+        flat[..., self.indices] = values[..., self.results] * self.signs
         return flat.reshape(*batch, *self.template.shape)
 
 
@@ -147,19 +147,21 @@ def trace_matrices(structure: Structure, robot: Robot) -> TracedMatrices:
 def _layout(trace: Trace, matrix: ScalarArray, numbers: dict[int, int], entries: list[Scalar]) -> MatrixLayout:
     """Return the layout of a matrix; add its varying entries to `entries` and their positions there to `numbers`."""
     template = np.zeros(matrix.shape)
-    places: list[int] = []
-    values: list[int] = []
+    indices: list[int] = []
+    results: list[int] = []
     signs: list[int] = []
-    for place, entry in enumerate(matrix.ravel()):
+    for index, entry in enumerate(matrix.ravel()):
         if not isinstance(entry, Scalar):
-            template.flat[place] = entry
+            template.flat[index] = entry
         elif trace.nodes[entry.node][0] == CONSTANT:
-            template.flat[place] = entry.sign * trace.constant_value(entry.node)
+            template.flat[index] = entry.sign * trace.constant_value(entry.node)
         else:
             if entry.node not in numbers:
                 numbers[entry.node] = len(entries)
                 entries.append(entry if entry.sign > 0 else -entry)
-            places.append(place)
-            values.append(numbers[entry.node])
+            indices.append(index)
+            results.append(numbers[entry.node])
             signs.append(entry.sign)
-    return MatrixLayout(template, np.array(places, dtype=int), np.array(values, dtype=int), np.array(signs, dtype=int))
+    return MatrixLayout(
+        template, np.array(indices, dtype=int), np.array(results, dtype=int), np.array(signs, dtype=int)
+    )

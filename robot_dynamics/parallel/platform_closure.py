@@ -130,7 +130,7 @@ class PlatformClosure:
         return np.asarray(difference.max(axis=(-3, -2, -1)) <= POSE_TOLERANCE)
 
     def _solver_positions(self, x: Array, seed: ArrayLike | None, other_positions: Array | None) -> Array:
-        """Return what the solver takes: its independent positions, or with a seed positions of all joints.
+        """Return the argument of the solver: positions of its independent joints, or of all joints with a seed.
 
         x: (..., platforms, 6) coordinates; seed: (..., all joints); other_positions: (..., k), by default those of the
         seed or the initial ones.
