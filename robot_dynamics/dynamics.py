@@ -166,7 +166,7 @@ class Dynamics(JointDynamics):
 
     @cached_property
     def platforms(self) -> Platforms:
-        """Mapping from link name to the PlatformDynamics of that platform alone; joints determine the rest of the robot.
+        """Mapping from link name to the PlatformDynamics of that platform alone, with the other joints as joints.
 
         An unknown link name raises InvalidInputError.
         """
