@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from robot_dynamics.constraints.charted_regressor import independent_regressor
 from robot_dynamics.constraints.mixed_dynamics import RobotState
 from robot_dynamics.constraints.topology import projection_matrix
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.inputs import Base, ExternalWrenches, base_state, common_batch_shape, link_wrenches
+from robot_dynamics.inputs import Base, BaseState, ExternalWrenches, base_state, common_batch_shape, link_wrenches
 from robot_dynamics.joint_coordinates import JointCoordinates
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
@@ -20,6 +21,13 @@ from robot_dynamics.newton_euler.regressor import parameter_names, parameters
 from robot_dynamics.newton_euler.screw import apply_transposed
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
 from robot_dynamics.results import broadcast_result
+
+
+@dataclass(frozen=True, eq=False)
+class ModelState(RobotState):
+    """A RobotState with all of the state of the base."""
+
+    base: BaseState
 
 
 class DynamicsTerms(JointCoordinates):
@@ -161,7 +169,7 @@ class DynamicsTerms(JointCoordinates):
                     state.qd,
                     state.expand_accelerations(qdd),
                     state.base.twist,
-                    state.base.acceleration,
+                    state.base.prescribed_acceleration,
                 )
                 return broadcast_result(Y, state.batch, axes=2)
 
@@ -246,8 +254,8 @@ class DynamicsTerms(JointCoordinates):
         base: Base | None,
         external_wrenches: ExternalWrenches | None = None,
         acting: Array | None = None,
-    ) -> RobotState:
-        """Return the RobotState of checked arguments; acting: accelerations or efforts (..., n) of its batch."""
+    ) -> ModelState:
+        """Return the ModelState of checked arguments; acting: accelerations or efforts (..., n) of its batch."""
         state_of_base = base_state(self.robot, base)
         wrenches = link_wrenches(self.robot, external_wrenches)
         use_charts = not virtual_links(self.robot) & {*wrenches}
@@ -262,13 +270,13 @@ class DynamicsTerms(JointCoordinates):
             state_of_base.acceleration,
             *wrenches.values(),
         )
-        return RobotState(state, state.expand_rates(qd), state_of_base, wrenches, batch, self.joint_names)
+        return ModelState(state, state.expand_rates(qd), state_of_base, wrenches, batch, self.joint_names)
 
     def _base_size(self) -> int:
         """Return the number of rows of the base in matrices of this robot."""
         return 6 if self.robot.moving_base else 0
 
-    def _bias(self, state: RobotState, base: Base | None, twist: Array, acceleration: Array) -> Array:
+    def _bias(self, state: ModelState, base: Base | None, twist: Array, acceleration: Array) -> Array:
         """Return bias efforts (..., n), or (..., 6 + n) with a moving base, of a twist and acceleration of the base."""
         if base is not None and base.acceleration is not None:
             raise InvalidInputError("the acceleration of the base has no part in this term: leave it out of Base")

@@ -61,6 +61,13 @@ class BaseState:
     acceleration: Array | None
 
     @property
+    def prescribed_acceleration(self) -> Array:
+        """(..., 6) acceleration, gravity subtracted; InvalidInputError where it is unknown."""
+        if self.acceleration is None:
+            raise InvalidInputError("the acceleration of the moving base is needed: give it in Base")
+        return self.acceleration
+
+    @property
     def rest_acceleration(self) -> Array:
         """(..., 6) acceleration, gravity subtracted, of a base at rest."""
         return _rest_acceleration(self.gravity)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_types import Array, ArrayLike
-from robot_dynamics.constraints.mixed_dynamics import RobotState, compute_link_wrenches, solve_mixed_dynamics
+from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
 from robot_dynamics.constraints.state import ConstrainedState
-from robot_dynamics.dynamics_terms import DynamicsTerms
+from robot_dynamics.dynamics_terms import DynamicsTerms, ModelState
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.inputs import Base, ExternalWrenches
 from robot_dynamics.model.placement import invert_placement
@@ -202,13 +202,13 @@ class JointDynamics(DynamicsTerms):
             )
         return self._result(state, qdd, efforts, base_acceleration, wrenches, tree_efforts + passive_efforts)
 
-    def _passive_efforts(self, state: RobotState) -> Array:
+    def _passive_efforts(self, state: ModelState) -> Array:
         """Return efforts (..., all joints) of friction and springs."""
         return friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
 
     def _result(
         self,
-        state: RobotState,
+        state: ModelState,
         qdd: Array,
         efforts: Array,
         base_acceleration: Array,

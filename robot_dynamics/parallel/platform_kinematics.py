@@ -141,7 +141,7 @@ class PlatformKinematics:
         independent = self._closure.solver.independent
         free = self._closure.free_joints
         motors = [number for number in self._independent if number not in independent]
-        G = self._closure.solver.state_at_closed(q).G
+        G = self._closure.solver.state_at_closed(np.asarray(q, dtype=float)).G
         free_units = np.array([length if joints[number].prismatic else 1.0 for number in free])
         motor_units = np.array([length if joints[number].prismatic else 1.0 for number in motors])
         columns = [independent.index(number) for number in free]
