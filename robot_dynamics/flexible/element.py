@@ -71,8 +71,8 @@ class Element:
         section = self.section
         bending = float(self.rotary_inertia)
         moments = [section.polar_moment, bending * section.second_moment_y, bending * section.second_moment_z]
-        geometry: Array = np.array([*[section.area] * 3, *moments], dtype=np.float64)
-        return self.material.density * geometry
+        inertias: Array = self.material.density * np.array([*[section.area] * 3, *moments])
+        return inertias
 
     @cached_property
     def mass(self) -> Array:
