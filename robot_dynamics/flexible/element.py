@@ -81,7 +81,8 @@ class Element:
         for point, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
             jacobian = self.section_jacobian((1 + point) / 2)
             total += weight / 2 * self.length * jacobian.T @ (self.mass_per_metre[:, None] * jacobian)
-        return (total + total.T) / 2
+        mass: Array = (total + total.T) / 2
+        return mass
 
     @cached_property
     def sections(self) -> Sections:

@@ -17,7 +17,7 @@ from robot_dynamics.codegen.jit.background import run_in_background
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.codegen.trace.program import Program, build_program
-from robot_dynamics.codegen.trace.scalar import CONSTANT, Scalar, Trace
+from robot_dynamics.codegen.trace.scalar import Scalar, Trace
 from robot_dynamics.errors import CompilationError, InvalidInputError
 from robot_dynamics.flexible.matrices import constrained_matrices
 from robot_dynamics.flexible.structure import Structure
@@ -153,8 +153,10 @@ def _layout(trace: Trace, matrix: ScalarArray, numbers: dict[int, int], entries:
     for index, entry in enumerate(matrix.ravel()):
         if not isinstance(entry, Scalar):
             template.flat[index] = entry
-        elif trace.nodes[entry.node][0] == CONSTANT:
-            template.flat[index] = entry.sign * trace.constant_value(entry.node)
+            continue
+        constant = trace.constant_value(entry.node)
+        if constant is not None:
+            template.flat[index] = entry.sign * constant
         else:
             if entry.node not in numbers:
                 numbers[entry.node] = len(entries)
