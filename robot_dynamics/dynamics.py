@@ -10,6 +10,7 @@ from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, PythonProgram, available_models
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
 from robot_dynamics.codegen.program_calls import evaluate_model
+from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
@@ -93,7 +94,7 @@ class Dynamics(JointDynamics):
             raise InvalidInputError(f"Dynamics takes a Robot, as load_robot returns it, not {robot!r:.60}")
         self.compiled = compiled
         self._programs = CompiledModels(robot)
-        super().__init__(robot, self._programs if compiled else None)
+        super().__init__(robot, ClosureSolver(robot, self._programs if compiled else None))
 
     def __repr__(self) -> str:
         return f"Dynamics({self.robot!r})"
@@ -176,7 +177,15 @@ class Dynamics(JointDynamics):
         )
 
     def _platform_dynamics(self, *platforms: Platform) -> PlatformDynamics:
-        return PlatformDynamics(self, platforms, partial(Dynamics, compiled=False))
+        """Return the dynamics in coordinates of some platforms.
+
+        It takes callables, since it cannot import this module.
+        """
+        return PlatformDynamics(self, platforms, self._make_closure_solver, partial(Dynamics, compiled=False))
+
+    def _make_closure_solver(self, robot: Robot) -> ClosureSolver:
+        """Return the closure solver of a variant of the robot, compiled if this one is."""
+        return ClosureSolver(robot, CompiledModels(robot) if self.compiled else None)
 
     @cached_property
     def elastodynamics(self) -> Elastodynamics:

@@ -8,26 +8,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_types import Array, ArrayLike
-from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON, require_finite
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.results import broadcast_result
 
 if TYPE_CHECKING:
-    from robot_dynamics.codegen.jit.compiled_models import CompiledModels
+    from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.state import ConstrainedState
 
 
 class JointCoordinates:
-    """Independent and dependent joints of a robot, and conversions between them; base class of `Dynamics`.
+    """Independent and dependent joints of a robot, and conversions between them; base class of `Dynamics`."""
 
-    robot: Robot; programs: CompiledModels that may compute steps of the closure solver, or None.
-    """
-
-    def __init__(self, robot: Robot, programs: CompiledModels | None = None) -> None:
+    def __init__(self, robot: Robot, closure_solver: ClosureSolver) -> None:
         self.robot = robot
-        self._closure_solver = ClosureSolver(robot, programs)
+        self._closure_solver = closure_solver
         self.all_joint_names: tuple[str, ...] = tuple(joint.name for joint in robot.joints)
         independent = self._closure_solver.independent
         self.joint_names: tuple[str, ...] = tuple(self.all_joint_names[number] for number in independent)

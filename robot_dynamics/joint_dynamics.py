@@ -9,7 +9,6 @@ import numpy as np
 
 from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
-from robot_dynamics.constraints.state import ConstrainedState
 from robot_dynamics.dynamics_terms import DynamicsTerms, ModelState
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.inputs import Base, ExternalWrenches
@@ -24,17 +23,15 @@ from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, broadcast_result, refuse_unbalanced
 
 if TYPE_CHECKING:
-    from robot_dynamics.codegen.jit.compiled_models import CompiledModels
+    from robot_dynamics.constraints.closure_solver import ClosureSolver
+    from robot_dynamics.constraints.state import ConstrainedState
 
 
 class JointDynamics(DynamicsTerms):
-    """Inverse and direct dynamics in joint coordinates, by the recursions; base class of `Dynamics`.
+    """Inverse and direct dynamics in joint coordinates, by the recursions; base class of `Dynamics`."""
 
-    robot: Robot; programs: CompiledModels that may compute steps of the closure solver, or None.
-    """
-
-    def __init__(self, robot: Robot, programs: CompiledModels | None = None) -> None:
-        super().__init__(robot, programs)
+    def __init__(self, robot: Robot, closure_solver: ClosureSolver) -> None:
+        super().__init__(robot, closure_solver)
         # rotation and position of each frame j in the link frame of the description
         placements = [invert_placement(robot.frame(link.name).placement) for link in robot.links]
         self._in_link_frame = [(placement[:3, :3], placement[:3, 3]) for placement in placements]

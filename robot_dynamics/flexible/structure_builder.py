@@ -204,7 +204,7 @@ class _StructureBuilder:
     def _attachments_on_beam(self, link: int, beam: Beam, beams: Iterable[Beam]) -> list[tuple[float, bool]]:
         """Return (fraction of the length, whether a loop closes there) of all that a beam carries."""
         points = [*self.attachments.get(link, ())]
-        points += [(other.placement[:3, 3], False) for other in beams if other is not beam]
+        points += [(neighbour.placement[:3, 3], False) for neighbour in beams if neighbour is not beam]
         fractions = [(locate_on_beam(beam, point), closes) for point, closes in points]
         return [(fraction, closes) for fraction, closes in fractions if fraction is not None]
 

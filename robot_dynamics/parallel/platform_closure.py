@@ -6,7 +6,7 @@ is then closed by itself.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -14,8 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
-from robot_dynamics.codegen.jit.compiled_models import CompiledModels
-from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.inputs import require_finite
 from robot_dynamics.model.platform import COORDINATES, Platform
@@ -23,6 +21,7 @@ from robot_dynamics.model.robot import Robot
 from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
+    from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.dynamics import Dynamics
 
 POSE_TOLERANCE = 1e-9  # largest difference of two equal poses [m, rad]
@@ -37,7 +36,12 @@ class PlatformClosure:
     the other independent joints of the solver.
     """
 
-    def __init__(self, dynamics: Dynamics, platforms: Sequence[Platform]) -> None:
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        platforms: Sequence[Platform],
+        make_closure_solver: Callable[[Robot], ClosureSolver],
+    ) -> None:
         robot = dynamics.robot
         free = [tuple(platform.free) for platform in platforms]
         self._characteristic_length = robot.characteristic_length
@@ -49,8 +53,7 @@ class PlatformClosure:
         self.free_joints: list[int] = self.coordinate_joints[rows, columns].tolist()
         platform_driven = _with_independent_platforms(robot, self.coordinate_joints, self.free_joints)
         try:
-            programs = CompiledModels(platform_driven) if dynamics.compiled else None
-            self.solver = ClosureSolver(platform_driven, programs)
+            self.solver = make_closure_solver(platform_driven)
         except DescriptionError:
             links = [robot.links[platform.link].name for platform in platforms]
             message = _describe_wrong_coordinates(dynamics, links, self.coordinate_joints, free)

@@ -31,6 +31,7 @@ from robot_dynamics.parallel.platform_motion import (
 from robot_dynamics.results import DynamicsResult, Equilibrium
 
 if TYPE_CHECKING:
+    from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.dynamics import Dynamics
 
 __all__ = [
@@ -60,6 +61,8 @@ class PlatformDynamics(PlatformKinematics):
     ----------
     dynamics : Dynamics
     platforms : sequence of Platform
+    make_closure_solver : callable
+        Returns the ClosureSolver of a Robot.
     make_dynamics : callable
         Returns the Dynamics of a Robot, by recursions; called where legs have unactuated joints.
 
@@ -97,9 +100,13 @@ class PlatformDynamics(PlatformKinematics):
     """
 
     def __init__(
-        self, dynamics: Dynamics, platforms: Sequence[Platform], make_dynamics: Callable[[Robot], Dynamics]
+        self,
+        dynamics: Dynamics,
+        platforms: Sequence[Platform],
+        make_closure_solver: Callable[[Robot], ClosureSolver],
+        make_dynamics: Callable[[Robot], Dynamics],
     ) -> None:
-        super().__init__(dynamics, platforms)
+        super().__init__(dynamics, platforms, make_closure_solver)
         self._make_dynamics = make_dynamics
 
     def inverse(

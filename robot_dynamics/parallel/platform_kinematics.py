@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE
-from robot_dynamics.constraints.state import ConstrainedState
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON, common_batch_shape
 from robot_dynamics.model.platform import Platform
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.parallel.platform_arguments import (
     OtherJointInput,
     PlatformArguments,
@@ -24,16 +24,24 @@ from robot_dynamics.parallel.platform_motion import AngleRates, ChartRates, Plat
 from robot_dynamics.results import JointMotion, broadcast_result
 
 if TYPE_CHECKING:
+    from robot_dynamics.constraints.closure_solver import ClosureSolver
+    from robot_dynamics.constraints.state import ConstrainedState
     from robot_dynamics.dynamics import Dynamics
 
 
 class PlatformKinematics:
     """Geometry and kinematics of platforms; base class of `PlatformDynamics`, which documents arguments and attributes.
 
-    dynamics: Dynamics of the robot; platforms: of its platforms, those whose poses are prescribed.
+    dynamics: Dynamics of the robot; platforms: of its platforms, those with prescribed poses; make_closure_solver:
+    returns the ClosureSolver of a Robot.
     """
 
-    def __init__(self, dynamics: Dynamics, platforms: Sequence[Platform]) -> None:
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        platforms: Sequence[Platform],
+        make_closure_solver: Callable[[Robot], ClosureSolver],
+    ) -> None:
         robot = dynamics.robot
         self._dynamics = dynamics
         self.link_names: tuple[str, ...] = tuple(robot.links[platform.link].name for platform in platforms)
@@ -41,7 +49,7 @@ class PlatformKinematics:
         self.free: tuple[str, ...] | dict[str, tuple[str, ...]] = (
             free[0] if len(platforms) == 1 else dict(zip(self.link_names, free, strict=True))
         )
-        self._closure = PlatformClosure(dynamics, platforms)
+        self._closure = PlatformClosure(dynamics, platforms, make_closure_solver)
         self._coordinate_joints = self._closure.coordinate_joints
         self._independent = [robot.joint_numbers[name] for name in dynamics.joint_names]
         others = self._closure.other_joints
