@@ -1,46 +1,132 @@
-"""Dynamics of robots from URDF or MDH tables: inverse and direct models, for Python and as ROS 2 nodes."""
+"""Dynamics of robots from URDF, MDH tables or SYMORO+ files: inverse and direct models in Python and as ROS 2 nodes.
+
+The names in `__all__` are the public API. All other names and modules are internal and may change in any release.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import (
+    CompilationError,
     DescriptionError,
     InvalidInputError,
     MissingPackageError,
     RecordingError,
     RobotDynamicsError,
+    SimulationError,
     SingularModelError,
 )
 
-try:
-    from robot_dynamics.dynamics import Base, Dynamics, DynamicsResult, Equilibrium
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.flexible.elastodynamics import Elastodynamics, NaturalFrequencies
+    from robot_dynamics.flexible.flexible_arm import FlexibleArm, FlexibleDynamicsResult
+    from robot_dynamics.flexible.frequency_map import FrequencyMap, frequency_map
+    from robot_dynamics.identification.base_parameters import BaseParameters, base_parameters
+    from robot_dynamics.inputs import Base
+    from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
+    from robot_dynamics.model.formats.par.writer import write_par
+    from robot_dynamics.model.formats.urdf.writer import write_urdf
     from robot_dynamics.model.inertia import Inertia
-    from robot_dynamics.model.joint import Spring
+    from robot_dynamics.model.joint import Joint, Spring
     from robot_dynamics.model.loading import load_robot, shipped_robots
-    from robot_dynamics.model.robot import Robot
-except ModuleNotFoundError as error:
-    # A required package is missing. Whatever is used of this one says so; its commands can, in a line of their own.
-    _missing = error
-
-    def __getattr__(name):
-        if name not in __all__:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        from robot_dynamics.optional_packages import missing_package_error
-
-        raise missing_package_error(_missing, __name__) from None
-
+    from robot_dynamics.model.robot import Link, Robot
+    from robot_dynamics.parallel.platform_dynamics import PlatformDynamics
+    from robot_dynamics.parallel.pose_map import PoseMap, pose_map
+    from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion
+    from robot_dynamics.simulation.ground import Ground
+    from robot_dynamics.simulation.simulation import Simulation
+    from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.wheels import Wheel
 
 __all__ = [
     "Base",
+    "BaseParameters",
+    "CompilationError",
     "DescriptionError",
     "Dynamics",
     "DynamicsResult",
+    "Elastodynamics",
     "Equilibrium",
+    "FlexibleArm",
+    "FlexibleDynamicsResult",
+    "FrequencyMap",
+    "Ground",
     "Inertia",
     "InvalidInputError",
+    "Joint",
+    "JointMotion",
+    "Link",
     "MissingPackageError",
+    "NaturalFrequencies",
+    "PlatformDynamics",
+    "PoseMap",
     "RecordingError",
     "Robot",
     "RobotDynamicsError",
+    "Simulation",
+    "SimulationError",
+    "SimulationState",
     "SingularModelError",
     "Spring",
+    "Wheel",
+    "base_parameters",
+    "frequency_map",
     "load_robot",
+    "pose_map",
     "shipped_robots",
+    "write_mdh_yaml",
+    "write_par",
+    "write_urdf",
 ]
+
+# modules of the names that are imported at their first use: `import robot_dynamics` alone imports no other package
+_MODULES = {
+    "Base": "inputs",
+    "BaseParameters": "identification.base_parameters",
+    "Dynamics": "dynamics",
+    "DynamicsResult": "results",
+    "Elastodynamics": "flexible.elastodynamics",
+    "Equilibrium": "results",
+    "FlexibleArm": "flexible.flexible_arm",
+    "FlexibleDynamicsResult": "flexible.flexible_arm",
+    "FrequencyMap": "flexible.frequency_map",
+    "Ground": "simulation.ground",
+    "Inertia": "model.inertia",
+    "Joint": "model.joint",
+    "JointMotion": "results",
+    "Link": "model.robot",
+    "NaturalFrequencies": "flexible.elastodynamics",
+    "PlatformDynamics": "parallel.platform_dynamics",
+    "PoseMap": "parallel.pose_map",
+    "Robot": "model.robot",
+    "Simulation": "simulation.simulation",
+    "SimulationState": "simulation.state",
+    "Spring": "model.joint",
+    "Wheel": "simulation.wheels",
+    "base_parameters": "identification.base_parameters",
+    "frequency_map": "flexible.frequency_map",
+    "load_robot": "model.loading",
+    "pose_map": "parallel.pose_map",
+    "shipped_robots": "model.loading",
+    "write_mdh_yaml": "model.formats.mdh_yaml.writer",
+    "write_par": "model.formats.par.writer",
+    "write_urdf": "model.formats.urdf.writer",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        value = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
+    except ModuleNotFoundError as error:
+        from robot_dynamics.optional_packages import missing_package_error
+
+        raise missing_package_error(error, __name__) from None
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

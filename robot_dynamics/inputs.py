@@ -1,95 +1,146 @@
-"""What is asked of a robot, checked once: shapes, names and numbers; and its conversion to what the recursions take."""
+"""Checks of the arguments of the dynamic models, and their conversion to the arguments of the recursions."""
+
+from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+
+ROTATION_TOLERANCE = 1e-6
+"""Largest entry of R Rᵀ - 1 of a rotation matrix R in an argument."""
+
+UNACTUATED_REASON = "no motor drives it, so the acceleration is part of the result and the effort is zero"
+"""Why an unactuated joint takes neither an acceleration nor an effort."""
+
+ExternalWrenches: TypeAlias = Mapping[str, ArrayLike]
+"""Wrenches (..., 6) [N, N m] by link name: force, then torque, of the environment on the link, in the link frame at its
+origin."""
 
 
 @dataclass(frozen=True, eq=False)
 class Base:
-    """The state of a moving base.
+    """State of a moving base.
 
-    pose: (..., 4, 4) of frame 0 in the world; twist: (..., 6) [m/s, rad/s] and acceleration: (..., 6) [m/s², rad/s²]
-    of the origin of frame 0, linear then angular, expressed in frame 0; the acceleration true and classical.
-    acceleration None: only external wrenches act on the base, and its acceleration is part of the answer.
-    Left out, the pose is that of the world and the twist is zero.
+    Attributes
+    ----------
+    pose : (..., 4, 4)
+        Homogeneous matrix of frame 0 in the world [m]. Default: frame 0 is the world frame.
+    twist : (..., 6)
+        Linear and angular velocity of the origin of frame 0 [m/s, rad/s], in frame 0. Default: zero.
+    acceleration : (..., 6), optional
+        Linear and angular acceleration of the origin of frame 0 [m/s², rad/s²], in frame 0, true (gravity is not
+        subtracted) and classical. None: the base is free, only external wrenches act on it, and its acceleration is
+        part of the result.
     """
 
-    pose: np.ndarray = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
-    twist: np.ndarray = (0, 0, 0, 0, 0, 0)
-    acceleration: np.ndarray | None = None
+    pose: ArrayLike = ((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))
+    twist: ArrayLike = (0, 0, 0, 0, 0, 0)
+    acceleration: ArrayLike | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class BaseState:
-    """The base as the recursions take it, fixed or moving.
+    """State of a fixed or moving base as the recursions take it.
 
-    pose: (..., 4, 4); gravity: (..., 3) in frame 0; twist: (..., 6); acceleration: (..., 6) with gravity taken off,
-    None if unknown.
+    pose: (..., 4, 4) of frame 0 in the world; gravity: (..., 3) in frame 0; twist: (..., 6) in frame 0; acceleration:
+    (..., 6) in frame 0 with gravity subtracted, None where it is unknown.
     """
 
-    pose: np.ndarray
-    gravity: np.ndarray
-    twist: np.ndarray
-    acceleration: np.ndarray | None
+    pose: Array
+    gravity: Array
+    twist: Array
+    acceleration: Array | None
 
     @property
-    def rest_acceleration(self):
-        """(..., 6) acceleration, gravity taken off, of a base that does not accelerate."""
-        return _at_rest(self.gravity)
+    def prescribed_acceleration(self) -> Array:
+        """(..., 6) acceleration, gravity subtracted; InvalidInputError where it is unknown."""
+        if self.acceleration is None:
+            raise InvalidInputError("the acceleration of the moving base is needed: give it in Base")
+        return self.acceleration
 
-    def true_acceleration(self, acceleration):
-        """(..., 6) with gravity restored."""
+    @property
+    def rest_acceleration(self) -> Array:
+        """(..., 6) acceleration, gravity subtracted, of a base at rest."""
+        return _rest_acceleration(self.gravity)
+
+    def true_acceleration(self, acceleration: Array) -> Array:
+        """Return accelerations (..., 6) with gravity restored."""
         return acceleration - self.rest_acceleration
 
 
-def require_finite(what, values, size, entry_names, ignored_columns=None):
-    """An array of floats (..., size), all finite. Raises QuestionError saying which is not.
+def require_finite(
+    label: str,
+    values: ArrayLike,
+    size: int,
+    entry_names: str,
+    ignored_columns: Mapping[int, str] | None = None,
+) -> Array:
+    """Return finite floats (..., size).
 
-    left_open: {column: why nothing can be given there}, columns in which 0 and nan say nothing; 0 comes out.
+    Parameters
+    ----------
+    label : name of the values in error messages.
+    values : array_like, shape (..., size)
+    size : length of the last axis.
+    entry_names : description of the entries of the last axis in error messages.
+    ignored_columns : {column: why it takes no value}. Entries there must be 0 or nan, and become 0.
+
+    Raises
+    ------
+    InvalidInputError
+        Values are not numbers, have another shape or are not finite.
     """
     try:
         array = np.asarray(values.filled(np.nan) if isinstance(values, np.ma.MaskedArray) else values)
     except (TypeError, ValueError):
         array = np.asarray("ragged")
     if array.dtype.kind not in "biuf":
-        told = repr(values)
-        told = told if len(told) < 80 else told[:77] + "..."
-        raise InvalidInputError(f"{what}: an array of numbers (..., {size}) is needed, not {told}")
+        text = repr(values)
+        text = text if len(text) < 80 else text[:77] + "..."
+        raise InvalidInputError(f"{label}: an array of numbers (..., {size}) is needed, not {text}")
     array = array.astype(float, copy=False)
     if array.ndim == 0 or array.shape[-1] != size:
         raise InvalidInputError(
-            f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {entry_names}"
+            f"{label} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {entry_names}"
         )
     if ignored_columns:
         array = array.copy()
-        for column, why in ignored_columns.items():
-            entries = array[..., column]
-            if not (np.isnan(entries) | (entries == 0)).all():
-                given = entries[~(np.isnan(entries) | (entries == 0))].flat[0]
-                raise InvalidInputError(f"{what}[{column}] is {given:g}: {why}. Give 0 or nan there")
+        for column, reason in ignored_columns.items():
+            _require_empty(label, array[..., column], column, reason)
             array[..., column] = 0
     if not np.isfinite(array).all():
-        where = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
-        sample = f" at sample {', '.join(map(str, where[:-1]))}" if len(where) > 1 else ""
-        raise InvalidInputError(f"{what}[{where[-1]}]{sample} is {array[where]}: a finite number is needed")
+        index = tuple(int(number) for number in np.argwhere(~np.isfinite(array))[0])
+        sample = f" at sample {', '.join(map(str, index[:-1]))}" if len(index) > 1 else ""
+        raise InvalidInputError(f"{label}[{index[-1]}]{sample} is {array[index]}: a finite number is needed")
     return array
 
 
-def base_state(robot, base):
-    """The BaseState of a Base, or of a base that is fixed."""
+def _require_empty(label: str, entries: Array, column: int, reason: str) -> None:
+    """Refuse entries (...) of a column that are neither 0 nor nan."""
+    is_empty = np.isnan(entries) | (entries == 0)
+    if not is_empty.all():
+        value = entries[~is_empty].flat[0]
+        raise InvalidInputError(f"{label}[{column}] is {value:g}: {reason}. Give 0 or nan there")
+
+
+def base_state(robot: Robot, base: Base | None) -> BaseState:
+    """Return the BaseState of a robot; `base` is None where the base is fixed."""
     if not robot.moving_base:
         if base is not None:
-            raise InvalidInputError(f"the base of {robot.name!r} is fixed: it has no state to be given")
-        return BaseState(np.eye(4), robot.gravity, np.zeros(6), _at_rest(robot.gravity))
+            raise InvalidInputError(f"the base of {robot.name!r} is fixed: leave out the state of the base")
+        return BaseState(np.eye(4), robot.gravity, np.zeros(6), _rest_acceleration(robot.gravity))
     if not isinstance(base, Base):
-        given = type(base).__name__
         raise InvalidInputError(
-            f"the base of {robot.name!r} moves: give its state, base=Base(pose, twist), not {given}"
+            f"the base of {robot.name!r} moves: give its state, base=Base(pose, twist), not {type(base).__name__}"
         )
     pose = require_pose(base.pose, "pose of the base")
     gravity = apply_transposed(pose[..., :3, :3], robot.gravity)
@@ -97,49 +148,54 @@ def base_state(robot, base):
     if base.acceleration is None:
         return BaseState(pose, gravity, twist, None)
     acceleration = require_finite("acceleration of the base", base.acceleration, 6, "linear and angular components")
-    return BaseState(pose, gravity, twist, acceleration + _at_rest(gravity))
+    return BaseState(pose, gravity, twist, acceleration + _rest_acceleration(gravity))
 
 
-def _at_rest(gravity):
+def _rest_acceleration(gravity: Array) -> Array:
     return np.concatenate([-gravity, np.zeros_like(gravity)], axis=-1)
 
 
-def require_pose(pose, what):
-    """Homogeneous matrices (..., 4, 4). what: what to call them in the QuestionError of what is none."""
+def require_pose(pose: ArrayLike, label: str) -> Array:
+    """Return homogeneous matrices (..., 4, 4); `label` names the pose in error messages."""
     if np.shape(pose)[-2:] != (4, 4):
-        raise InvalidInputError(f"{what} has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
-    pose = require_finite(what, pose, 4, "columns")
-    R, last = pose[..., :3, :3], pose[..., 3, :]
-    skewed = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0) > 1e-6
-    if skewed or (np.linalg.det(R) < 0).any() or (last != (0, 0, 0, 1)).any():
-        raise InvalidInputError(f"{what} is no homogeneous matrix [rotation, position; 0, 0, 0, 1]")
-    return pose
+        raise InvalidInputError(f"{label} has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
+    matrices = require_finite(label, pose, 4, "columns")
+    R = matrices[..., :3, :3]
+    last_row = matrices[..., 3, :]
+    is_skewed = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0) > ROTATION_TOLERANCE
+    if is_skewed or (np.linalg.det(R) < 0).any() or (last_row != (0, 0, 0, 1)).any():
+        raise InvalidInputError(f"{label} is not a homogeneous matrix [rotation, position; 0, 0, 0, 1]")
+    return matrices
 
 
-def link_wrenches(robot, external_wrenches):
-    """{link number: jf_e (..., 6)} of {frame name: (..., 6)}: the one place where the sign turns.
+def link_wrenches(robot: Robot, external_wrenches: ExternalWrenches | None) -> dict[int, Array]:
+    """Return Khalil's jf_e (..., 6) by link number, from external wrenches by frame name.
 
-    Users say what the environment does to a link, in its own link frame; Khalil's f_e is what the link does to the
-    environment, in frame j. Wrenches on frames of the same link add up.
+    This is the one place where the sign changes: users give the wrench of the environment on a link, in its link frame;
+    Khalil's f_e is the wrench of the link on the environment, in frame j. Wrenches on frames of the same link add up.
     """
     if not isinstance(external_wrenches, Mapping | None):
         raise InvalidInputError("external_wrenches: a mapping {link name: (..., 6)} is needed")
-    converted = {}
+    converted: dict[int, Array] = {}
     for name, wrench in (external_wrenches or {}).items():
         frame = robot.frame(name)
         wrench = require_finite(f"external wrench on {name!r}", wrench, 6, "force and torque components")
-        R, P = frame.placement[:3, :3], frame.placement[:3, 3]
+        R = frame.placement[:3, :3]
+        P = frame.placement[:3, 3]
         converted[frame.link] = converted.get(frame.link, 0) - wrench_to_antecedent(R, P, wrench)
     return converted
 
 
-def common_batch_shape(*arrays):
-    """The shape of the batch axes that arrays (..., m) share, None left out. Raises QuestionError where they differ."""
+def common_batch_shape(*arrays: Array | None) -> tuple[int, ...]:
+    """Return the batch shape that arrays (..., m) broadcast to; None entries are skipped.
+
+    Raises InvalidInputError where the batch shapes differ.
+    """
     batches = [array.shape[:-1] for array in arrays if array is not None]
     try:
         return np.broadcast_shapes(*batches)
     except ValueError:
-        told = " and ".join(map(str, sorted(set(batches) - {()})))
+        shapes = " and ".join(map(str, sorted(set(batches) - {()})))
         raise InvalidInputError(
-            f"batches of {told} samples do not go together: give one sample or equally many"
+            f"batches of {shapes} samples do not match: give one sample, or batches of the same shape"
         ) from None

@@ -1,84 +1,134 @@
-"""What is answered: the dynamics of a state as arrays, and the refusal of what has no answer."""
+"""Results of the dynamic models as arrays, and the refusal of states that have no result."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn, Protocol
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 
 BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
-MIN_INERTIA_RATIO = 1e-14  # an inertia below this part of the largest one beside it is rounding
-EQUILIBRIUM_TOLERANCE = (
-    1e-9  # what may be left of the forces of an equilibrium, as a part of weights, wrenches and springs
-)
+"""Names of the six components of the twist of a base."""
+
+MIN_INERTIA_RATIO = 1e-14
+"""An inertia below this fraction of the largest inertia beside it is a rounding error."""
+
+EQUILIBRIUM_TOLERANCE = 1e-9
+"""Residual forces allowed in an equilibrium, as a fraction of the weights, wrenches and spring forces."""
 
 
 class JointMotion(NamedTuple):
-    """Positions, velocities and accelerations (..., all joints) of all joints, in the order of all_joint_names.
+    """Motion of all joints, dependent joints included, in the order of ``Dynamics.all_joint_names``.
 
-    Where the pitch of a platform is ±90° to the last digits, velocities and accelerations of its yaw and roll are nan
-    where they do not exist; `PlatformDynamics.twist` and `acceleration` have the motion.
+    Attributes
+    ----------
+    positions : (..., all joints)
+        [rad or m]
+    velocities : (..., all joints)
+        [rad/s or m/s]
+    accelerations : (..., all joints)
+        [rad/s² or m/s²]
+
+    Notes
+    -----
+    Where the pitch of a platform is ±90° to the last digits, the velocities and accelerations of its yaw and roll do
+    not exist and are nan. `PlatformDynamics.twist` and `PlatformDynamics.acceleration` give the motion there.
     """
 
-    positions: np.ndarray
-    velocities: np.ndarray
-    accelerations: np.ndarray
+    positions: Array
+    velocities: Array
+    accelerations: Array
 
 
 @dataclass(frozen=True, eq=False)
 class DynamicsResult:
-    """The dynamics of a state.
+    """Efforts, accelerations and reactions of a robot in one state or in a batch of states.
 
-    accelerations, efforts: (..., n), one of them as given; motion: of all joints, those too that depend on
-    others; base_acceleration: (..., 6), None where the base is fixed;
-    reactions: (..., 1 + joints, 6) [N, N m], first what the ground exerts on the base, in frame 0, then what each of
-    all joints exerts on the link it moves, in the link frame of that link, at its origin. The joint at which a loop is
-    cut carries what the loop exerts. Where loops are held by more than they need, reactions are those of least norm.
+    Attributes
+    ----------
+    accelerations : (..., n)
+        Accelerations of the independent joints [rad/s² or m/s²].
+    efforts : (..., n)
+        Efforts of the actuators [N m or N]; zero at unactuated joints.
+    motion : JointMotion
+        Motion of all joints, dependent joints included.
+    base_acceleration : (..., 6) or None
+        Linear and angular acceleration of the origin of frame 0 [m/s², rad/s²], in frame 0, true (gravity is not
+        subtracted) and classical. None where the base is fixed.
+    reactions : (..., 1 + all joints, 6)
+        Wrenches [N, N m]. The first is the wrench of the ground on the base, in frame 0. Each of the others is the
+        wrench that a joint exerts on the link that it moves, in the link frame of that link, at its origin.
+
+    Notes
+    -----
+    The joint at which a loop is cut carries the wrench of the loop. Where a loop has more constraints than it needs,
+    the reactions are those of least norm.
     """
 
-    accelerations: np.ndarray
-    efforts: np.ndarray
+    accelerations: Array
+    efforts: Array
     motion: JointMotion
-    base_acceleration: np.ndarray | None
-    reactions: np.ndarray
+    base_acceleration: Array | None
+    reactions: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium:
-    """A robot at rest, its motors holding it.
+    """A robot at rest that its actuators hold.
 
-    positions, efforts: (..., n), the positions of joints without motor as found; joint_positions: (..., all joints)
-    those of all; reactions: (..., 1 + joints, 6) as in
-    Answer; stable: (...) whether the joints without motor come back when they are moved a little, as far as gravity and
-    springs tell: wrenches, which turn with their links, may excite what is called stable.
+    Attributes
+    ----------
+    positions : (..., n)
+        Positions of the independent joints [rad or m], those of unactuated joints in equilibrium.
+    joint_positions : (..., all joints)
+        Positions of all joints.
+    efforts : (..., n)
+        Holding efforts [N m or N]; zero at unactuated joints.
+    reactions : (..., 1 + all joints, 6)
+        Wrenches [N, N m], as in `DynamicsResult`.
+    stable : (...)
+        Whether the unactuated joints return after a small displacement. Gravity and springs are considered. External
+        wrenches turn with their links and can excite an equilibrium that counts as stable here.
     """
 
-    positions: np.ndarray
-    joint_positions: np.ndarray
-    efforts: np.ndarray
-    reactions: np.ndarray
-    stable: np.ndarray
+    positions: Array
+    joint_positions: Array
+    efforts: Array
+    reactions: Array
+    stable: BoolArray
 
 
-def broadcast_result(array, batch, axes=1):
-    """A new array with the whole batch shape in front of the last axes. Refuses what is not finite."""
+class ForceResidual(Protocol):
+    """Residual forces (..., k) of k joints, and the forces to compare them with."""
+
+    @property
+    def residual(self) -> Array: ...
+
+    @property
+    def scale(self) -> Array: ...
+
+
+def broadcast_result(array: Array, batch: tuple[int, ...], axes: int = 1) -> Array:
+    """Return a new array with the whole batch shape before the last `axes` axes; refuse values that are not finite."""
     complete = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
     if not np.isfinite(complete).all():
         sample = tuple(int(index) for index in np.argwhere(~np.isfinite(complete))[0][: len(batch)])
-        _overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
+        _refuse_overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
     return complete
 
 
-def _overflow(where=""):
+def _refuse_overflow(location: str = "") -> NoReturn:
     raise InvalidInputError(
-        f"the answer{where} is no finite number: something that is asked, or the robot, is too large"
+        f"the result{location} is not a finite number: an argument, or a number of the robot description, is too large"
     )
 
 
-def refuse_singular(pivot, scale, name):
+def refuse_singular(pivot: Array, scale: Array, name: str) -> None:
+    """Raise SingularModelError where the inertia `pivot` of a joint or base direction is zero beside `scale`."""
     if np.isnan(pivot).any():
-        _overflow()
+        _refuse_overflow()
     if not np.all(pivot > MIN_INERTIA_RATIO * np.abs(scale)):
         raise SingularModelError(
             f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
@@ -86,17 +136,17 @@ def refuse_singular(pivot, scale, name):
         )
 
 
-def refuse_unbalanced(balance, names):
-    """Raise SingularModelError where a Balance of the joints `names` has forces left."""
-    left, scale = np.broadcast_arrays(np.atleast_2d(balance.residual), np.atleast_2d(balance.scale))
-    if not (np.isfinite(left).all() and np.isfinite(scale).all()):
-        _overflow()
-    share = (np.abs(left) / np.where(scale > 0, scale, 1.0)).reshape(-1, len(names))
-    if not (share < EQUILIBRIUM_TOLERANCE).all():
-        sample, joint = (int(number) for number in np.argwhere(share >= EQUILIBRIUM_TOLERANCE)[0])
-        force = left.reshape(-1, len(names))[sample, joint]
+def refuse_unbalanced(balance: ForceResidual, names: Sequence[str]) -> None:
+    """Raise SingularModelError where forces at the joints `names` are not in equilibrium."""
+    residual, scale = np.broadcast_arrays(np.atleast_2d(balance.residual), np.atleast_2d(balance.scale))
+    if not (np.isfinite(residual).all() and np.isfinite(scale).all()):
+        _refuse_overflow()
+    ratio = (np.abs(residual) / np.where(scale > 0, scale, 1.0)).reshape(-1, len(names))
+    if not (ratio < EQUILIBRIUM_TOLERANCE).all():
+        sample, joint = (int(index) for index in np.argwhere(ratio >= EQUILIBRIUM_TOLERANCE)[0])
+        force = residual.reshape(-1, len(names))[sample, joint]
         raise SingularModelError(
-            f"no equilibrium was found from the positions of sample {sample}: {force:.3g} (N m "
-            f"or N) are left over at joint {names[joint]!r}. Give other positions of the joints without motor to begin "
-            "with, or stiffer springs"
+            f"no equilibrium was found from the positions of sample {sample}: a force of {force:.3g} (N m or N) "
+            f"remains at joint {names[joint]!r}. Start from other positions of the unactuated joints, or use stiffer "
+            "springs"
         )

@@ -1,4 +1,4 @@
-"""The door: laws of mechanics, closed forms, shapes, and questions that do not fit."""
+"""Class Dynamics: laws of mechanics, closed forms, shapes, invalid arguments."""
 
 from dataclasses import replace
 
@@ -34,11 +34,11 @@ def any_robot(request):
     return tree(request.param, moving_base=request.param % 2 == 1)
 
 
-def test_inverse_then_direct_gives_back_the_accelerations(any_robot):
+def test_direct_model_inverts_the_inverse_model(any_robot):
     states = states_of(any_robot)
-    question = {"base": states.base, "external_wrenches": states.wrenches}
-    inverse = any_robot.solve(states.q, states.qd, qdd=states.qdd, **question)
-    direct = any_robot.solve(states.q, states.qd, efforts=inverse.efforts, **question)
+    options = {"base": states.base, "external_wrenches": states.wrenches}
+    inverse = any_robot.solve(states.q, states.qd, qdd=states.qdd, **options)
+    direct = any_robot.solve(states.q, states.qd, efforts=inverse.efforts, **options)
     scale = np.linalg.cond(any_robot.inertia_matrix(states.q)).max()
     np.testing.assert_allclose(direct.accelerations, states.qdd, rtol=0, atol=1e-13 * max(scale, 1e4))
     np.testing.assert_allclose(
@@ -57,23 +57,26 @@ def test_inertia_matrix_is_symmetric_positive_definite(any_robot):
 
 
 def test_efforts_are_the_sum_of_their_terms(any_robot):
-    """Γ = A q̈ + C q̇ + g + friction - Jᵀ wrenches; here without wrenches, and with the base moved as told."""
+    """Γ = A q̈ + C q̇ + g + friction - Jᵀ wrenches; here without wrenches, and with a prescribed base acceleration."""
     states = states_of(any_robot)
     base = None
     motion = states.qdd
     if states.base is not None:
-        told = np.random.default_rng(0).uniform(-2, 2, (len(motion), 6))
-        base, motion = Base(states.base.pose, states.base.twist, told), np.concatenate([told, motion], axis=-1)
+        base_acceleration = np.random.default_rng(0).uniform(-2, 2, (len(motion), 6))
+        base, motion = (
+            Base(states.base.pose, states.base.twist, base_acceleration),
+            np.concatenate([base_acceleration, motion], axis=-1),
+        )
     terms = (
         (any_robot.inertia_matrix(states.q) @ motion[..., None])[..., 0]
         + any_robot.coriolis(states.q, states.qd, base=states.base)
         + any_robot.gravity(states.q, base=states.base)
     )
-    answer = any_robot.solve(states.q, states.qd, qdd=states.qdd, base=base)
+    result = any_robot.solve(states.q, states.qd, qdd=states.qdd, base=base)
     efforts = terms[..., -len(any_robot.joint_names) :] + any_robot.friction(states.qd)
-    np.testing.assert_allclose(answer.efforts, efforts, rtol=0, atol=1e-11 * np.abs(efforts).max())
+    np.testing.assert_allclose(result.efforts, efforts, rtol=0, atol=1e-11 * np.abs(efforts).max())
     if base is not None:
-        np.testing.assert_allclose(answer.reactions[:, 0], terms[:, :6], rtol=0, atol=1e-11 * np.abs(terms).max())
+        np.testing.assert_allclose(result.reactions[:, 0], terms[:, :6], rtol=0, atol=1e-11 * np.abs(terms).max())
 
 
 def matrix_rate(dynamics, q, qd, step=1e-5):
@@ -102,15 +105,15 @@ def test_coriolis_term_does_no_work_beyond_the_change_of_inertia(any_robot):
 
 @pytest.mark.parametrize("seed", range(1, 8, 2))
 def test_momentum_of_a_free_robot_without_weight_is_conserved(seed):
-    """Whatever the joints do inside: ṗ = 0 and L̇ = 0 in the world, by the answered accelerations."""
+    """For any joint motion, ṗ = 0 and L̇ = 0 in the world, by the resulting accelerations."""
     dynamics = tree(seed, moving_base=True)
     dynamics = Dynamics(replace(dynamics.robot, gravity=(0, 0, 0)))
     states = states_of(dynamics)
     efforts = np.random.default_rng(seed).uniform(-10, 10, states.q.shape)
-    answer = dynamics.solve(states.q, states.qd, efforts=efforts, base=states.base)
+    result = dynamics.solve(states.q, states.qd, efforts=efforts, base=states.base)
     v, w = states.base.twist[:, :3], states.base.twist[:, 3:]
     velocity = np.concatenate([states.base.twist, states.qd], axis=-1)
-    change = np.concatenate([answer.base_acceleration, answer.accelerations], axis=-1)
+    change = np.concatenate([result.base_acceleration, result.accelerations], axis=-1)
     change[:, :3] -= np.cross(w, v)  # rate of the components in the turning frame
     A, rate = dynamics.inertia_matrix(states.q), matrix_rate(dynamics, states.q, states.qd, step=1e-6)
     momentum = (A @ velocity[..., None])[:, :6, 0]
@@ -125,16 +128,16 @@ def test_momentum_of_a_free_robot_without_weight_is_conserved(seed):
 def test_free_robot_falls_with_gravity():
     dynamics = tree(3, moving_base=True)
     states = states_of(dynamics)
-    still = Base(states.base.pose)
-    answer = dynamics.solve(states.q, 0 * states.q, efforts=0 * states.q, base=still)
+    base_at_rest = Base(states.base.pose)
+    result = dynamics.solve(states.q, 0 * states.q, efforts=0 * states.q, base=base_at_rest)
     expected = np.swapaxes(states.base.pose[:, :3, :3], -1, -2) @ [0, 0, -9.81]
-    np.testing.assert_allclose(answer.base_acceleration[:, :3], expected, atol=1e-7)
-    np.testing.assert_allclose(answer.base_acceleration[:, 3:], 0, atol=1e-7)
-    np.testing.assert_allclose(answer.accelerations, 0, atol=1e-6)
+    np.testing.assert_allclose(result.base_acceleration[:, :3], expected, atol=1e-7)
+    np.testing.assert_allclose(result.base_acceleration[:, 3:], 0, atol=1e-7)
+    np.testing.assert_allclose(result.accelerations, 0, atol=1e-6)
 
 
-def test_weight_hung_on_the_tip_raises_the_holding_torque(panda):
-    """By m g times the lever where one joint carries it level, and as a payload of the same mass does everywhere."""
+def test_weight_at_the_tip_raises_the_holding_torque(panda):
+    """By m g times the lever where the forearm is level, and as a payload of the same mass in general."""
     q = np.zeros(8)
     q[3] = -np.pi / 2  # the forearm points forward, level; joint 4 carries it
     mass, rest = 3.0, np.zeros(8)
@@ -177,29 +180,31 @@ def test_rotor_inertia_adds_to_its_own_joint_alone(panda):
     np.testing.assert_allclose(geared.direct(states.q, states.qd, torque), states.qdd, atol=1e-9)
 
 
-def test_reactions_carry_what_hangs_on_them(panda):
-    """At rest the ground carries the whole weight, and what the last joint exerts is the weight beyond it."""
+def test_reactions_at_rest_carry_the_weight_beyond_the_joint(panda):
+    """The ground carries the whole weight, and each joint the weight beyond it."""
     q, rest = states_of(panda, 1).q[0], np.zeros(8)
-    answer = panda.solve(q, rest, qdd=rest)
+    result = panda.solve(q, rest, qdd=rest)
     masses = [link.inertia.mass for link in panda.robot.links]
-    np.testing.assert_allclose(answer.reactions[0, :3], [0, 0, 9.81 * sum(masses)], atol=1e-10)
+    np.testing.assert_allclose(result.reactions[0, :3], [0, 0, 9.81 * sum(masses)], atol=1e-10)
     for number in range(1, 10):
         link = panda.robot.links[number].name
         R = panda.link_pose(link, q)[:3, :3]
         beyond = masses[number:] if number <= 7 else masses[number : number + 1]
-        np.testing.assert_allclose(R @ answer.reactions[number, :3], [0, 0, 9.81 * sum(beyond)], atol=1e-10)
+        np.testing.assert_allclose(R @ result.reactions[number, :3], [0, 0, 9.81 * sum(beyond)], atol=1e-10)
         axis = R @ np.array([0, 0, 1.0]) if number <= 7 else None
         if axis is not None:
-            assert (R @ answer.reactions[number, 3:]) @ axis == pytest.approx(answer.efforts[number - 1], abs=1e-10)
+            assert (R @ result.reactions[number, 3:]) @ axis == pytest.approx(result.efforts[number - 1], abs=1e-10)
 
 
-def test_wrench_on_a_fixed_frame_is_taken_at_its_own_origin_and_axes(panda):
+def test_wrench_on_a_fixed_frame_acts_at_its_own_origin_and_axes(panda):
     """The hand is lumped into link 7: a wrench on it does the work of its own velocity."""
     states = states_of(panda, 5)
     step = 1e-6
     for q in states.q:
         wrench = np.array([1.0, -2, 3, 0.5, 0.7, -0.2])
-        felt = panda.inverse(q, 0 * q, 0 * q) - panda.inverse(q, 0 * q, 0 * q, external_wrenches={"panda_hand": wrench})
+        effort_change = panda.inverse(q, 0 * q, 0 * q) - panda.inverse(
+            q, 0 * q, 0 * q, external_wrenches={"panda_hand": wrench}
+        )
         pose = panda.link_pose("panda_hand", q)
         for k in range(7):
             dq = np.eye(8)[k] * step
@@ -207,10 +212,10 @@ def test_wrench_on_a_fixed_frame_is_taken_at_its_own_origin_and_axes(panda):
             v = pose[:3, :3].T @ (ahead[:3, 3] - behind[:3, 3]) / (2 * step)
             turn = Rotation.from_matrix(behind[:3, :3].T @ ahead[:3, :3]).as_rotvec() / (2 * step)
             w = pose[:3, :3].T @ behind[:3, :3] @ turn
-            assert felt[k] == pytest.approx(wrench @ np.r_[v, w], abs=1e-7)
+            assert effort_change[k] == pytest.approx(wrench @ np.r_[v, w], abs=1e-7)
 
 
-def test_batch_answers_as_single_samples_do(any_robot):
+def test_batch_agrees_with_single_samples(any_robot):
     states = states_of(any_robot, 4)
     batch = any_robot.solve(states.q, states.qd, qdd=states.qdd, base=states.base, external_wrenches=states.wrenches)
     shaped = any_robot.inverse(
@@ -233,38 +238,38 @@ def _reshaped(states):
     return Base(states.base.pose.reshape(2, 2, 4, 4), states.base.twist.reshape(2, 2, 6))
 
 
-def test_one_sample_of_a_thing_serves_a_whole_batch_of_others(panda):
+def test_single_sample_broadcasts_to_a_batch(panda):
     q, qd = np.zeros((5, 8)), np.ones(8)
-    answer = panda.solve(q, qd, qdd=np.zeros(8), external_wrenches={"panda_link8": np.ones((5, 6))})
+    result = panda.solve(q, qd, qdd=np.zeros(8), external_wrenches={"panda_link8": np.ones((5, 6))})
     assert (
-        answer.efforts.shape == (5, 8) and answer.accelerations.shape == (5, 8) and answer.reactions.shape == (5, 10, 6)
+        result.efforts.shape == (5, 8) and result.accelerations.shape == (5, 8) and result.reactions.shape == (5, 10, 6)
     )
     assert panda.gravity(np.zeros(8)).shape == (8,) and panda.inertia_matrix(q).shape == (5, 8, 8)
     empty = panda.inverse(np.zeros((0, 8)), np.zeros((0, 8)), np.zeros((0, 8)))
     assert empty.shape == (0, 8)
 
 
-def test_arguments_are_not_changed_and_answers_are_their_own(panda):
+def test_arguments_are_not_changed_and_results_share_no_memory(panda):
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 4, 8))
-    kept = q.copy(), qd.copy(), qdd.copy()
-    answer = panda.solve(q, qd, qdd=qdd)
-    answer.accelerations[:] = 0
-    answer.efforts[:] = 0
-    assert all(np.array_equal(a, b) for a, b in zip((q, qd, qdd), kept, strict=True))
+    originals = q.copy(), qd.copy(), qdd.copy()
+    result = panda.solve(q, qd, qdd=qdd)
+    result.accelerations[:] = 0
+    result.efforts[:] = 0
+    assert all(np.array_equal(a, b) for a, b in zip((q, qd, qdd), originals, strict=True))
 
 
 def test_robot_without_joints_is_a_free_rigid_body():
     dynamics = Dynamics(read_urdf(real_urdf("hector"), moving_base=True))
-    nothing = np.zeros((3, 0))
+    empty = np.zeros((3, 0))
     base = Base(np.eye(4), np.zeros((3, 6)))
-    answer = dynamics.solve(
-        nothing, nothing, efforts=nothing, base=base, external_wrenches={"base_link": [0, 0, 50, 0, 0, 0]}
+    result = dynamics.solve(
+        empty, empty, efforts=empty, base=base, external_wrenches={"base_link": [0, 0, 50, 0, 0, 0]}
     )
-    assert answer.accelerations.shape == (3, 0)
+    assert result.accelerations.shape == (3, 0)
     mass = dynamics.robot.links[0].inertia.mass
     offset = dynamics.robot.links[0].inertia.first_moments[:2] / mass
     assert np.abs(offset).max() < 1e-9, "the push goes through the centre of mass"
-    np.testing.assert_allclose(answer.base_acceleration, [[0, 0, 50 / mass - 9.81, 0, 0, 0]] * 3, atol=1e-12)
+    np.testing.assert_allclose(result.base_acceleration, [[0, 0, 50 / mass - 9.81, 0, 0, 0]] * 3, atol=1e-12)
 
 
 HOLLOW = """<robot name="hollow"><link name="base"/><link name="a">{}</link><link name="b">{}</link>
@@ -301,7 +306,7 @@ Q = np.zeros(8)
 
 
 @pytest.mark.parametrize(
-    ("ask", "reason"),
+    ("call", "reason"),
     [
         (lambda d: d.inverse(Q[:6], Q, Q), r"positions has shape \(6,\): \(\.\.\., 8\) is needed.*panda_joint1"),
         (lambda d: d.inverse(Q, 3.0, Q), "velocities has shape"),
@@ -320,7 +325,7 @@ Q = np.zeros(8)
         (lambda d: d.coriolis(Q, Q[:3]), "velocities has shape"),
         (lambda d: d.inertia_matrix([np.nan] * 8), "positions"),
         (lambda d: d.friction(Q[:1]), "velocities"),
-        (lambda d: Dynamics("panda"), "takes a Robot, as load_robot gives it, not 'panda'"),
+        (lambda d: Dynamics("panda"), "takes a Robot, as load_robot returns it, not 'panda'"),
         (lambda d: d.link_pose("nowhere", Q), "unknown link 'nowhere'"),
         (lambda d: d.link_pose("panda_hand", Q, base=Base()), "is fixed"),
         (lambda d: d.expand_positions(Q[:5]), "positions has shape"),
@@ -331,17 +336,17 @@ Q = np.zeros(8)
         (lambda d: d.inverse(["1"] * 8, Q, Q), "positions: an array of numbers"),
         (lambda d: d.inverse(np.ma.masked_equal(np.arange(8.0), 3), Q, Q), r"positions\[3\] is nan"),
         (lambda d: d.inverse(Q, Q, Q, external_wrenches=[("panda_link8", np.ones(6))]), "a mapping"),
-        (lambda d: d.inverse(Q, Q + 1e200, Q), "the answer is no finite number"),
-        (lambda d: d.direct(np.zeros((2, 8)), Q, [[0] * 8, [1e308] * 8]), "the answer.* is no finite number"),
-        (lambda d: d.coriolis(np.zeros((2, 8)), [[0] * 8, [1e200] * 8]), "answer at sample 1 is no finite"),
+        (lambda d: d.inverse(Q, Q + 1e200, Q), "the result is not a finite number"),
+        (lambda d: d.direct(np.zeros((2, 8)), Q, [[0] * 8, [1e308] * 8]), "the result.* is not a finite number"),
+        (lambda d: d.coriolis(np.zeros((2, 8)), [[0] * 8, [1e200] * 8]), "result at sample 1 is not a finite"),
     ],
 )
-def test_question_that_does_not_fit_is_refused_with_a_reason(panda, ask, reason):
+def test_invalid_argument_is_refused_with_a_reason(panda, call, reason):
     with pytest.raises(InvalidInputError, match=reason):
-        ask(panda)
+        call(panda)
 
 
-def test_acceleration_of_the_base_has_no_part_in_the_terms():
+def test_acceleration_of_the_base_is_refused_in_the_terms():
     dynamics = tree(1, moving_base=True)
     zero = np.zeros(len(dynamics.joint_names))
     for term in (lambda base: dynamics.gravity(zero, base=base), lambda base: dynamics.coriolis(zero, zero, base=base)):
@@ -355,15 +360,15 @@ def test_acceleration_of_the_base_has_no_part_in_the_terms():
         (None, "the base of .* moves: give its state"),
         (Base(twist=[0, 0, 0]), "twist of the base has shape"),
         (Base(pose=np.eye(3)), "pose of the base has shape"),
-        (Base(pose=np.diag([2, 1, 1, 1])), "no homogeneous matrix"),
-        (Base(pose=np.diag([1, 1, -1, 1])), "no homogeneous matrix"),
-        (Base(pose=np.diag([1, 1, 1, 2])), "no homogeneous matrix"),
+        (Base(pose=np.diag([2, 1, 1, 1])), "not a homogeneous matrix"),
+        (Base(pose=np.diag([1, 1, -1, 1])), "not a homogeneous matrix"),
+        (Base(pose=np.diag([1, 1, 1, 2])), "not a homogeneous matrix"),
         (np.eye(4), "not ndarray"),
         (Base(pose=np.full((4, 4), np.nan)), "pose of the base"),
         (Base(acceleration=[np.nan] * 6), "acceleration of the base"),
     ],
 )
-def test_state_of_the_base_that_does_not_fit_is_refused(base, reason):
+def test_invalid_state_of_the_base_is_refused(base, reason):
     dynamics = tree(1, moving_base=True)
     zero = np.zeros(len(dynamics.joint_names))
     with pytest.raises(InvalidInputError, match=reason):

@@ -19,13 +19,13 @@ STATES = 20
 TOLERANCE = 1e-9
 
 
-def relative_error(found, expected):
+def relative_error(actual, expected):
     scale = np.abs(expected).max(initial=0)
-    return np.abs(found - expected).max(initial=0) / (scale if scale > 1e-9 else 1)
+    return np.abs(actual - expected).max(initial=0) / (scale if scale > 1e-9 else 1)
 
 
 def independent_joints(urdf, joints):
-    """S of q_all = S q + offset as the <mimic> elements of the text say it, for one level of mimicry."""
+    """S of q_all = S q + offset from the <mimic> elements of the text, for one level of mimicry."""
     mimics = {
         joint.get("name"): joint.find("mimic").attrib
         for joint in ElementTree.fromstring(urdf).findall("joint")
@@ -53,14 +53,14 @@ def check_against_pinocchio(urdf, moving_base, seed, rotor_inertias=None):
     T[b:, b:] = S
 
     states = random_states(robot, len(dynamics.joint_names), STATES, seed)
-    question = {"base": states.base, "external_wrenches": states.wrenches}
+    options = {"base": states.base, "external_wrenches": states.wrenches}
     friction = dynamics.friction(states.qd)
-    inverse = dynamics.solve(states.q, states.qd, qdd=states.qdd, **question)
+    inverse = dynamics.solve(states.q, states.qd, qdd=states.qdd, **options)
     A = dynamics.inertia_matrix(states.q)
     gravity = dynamics.gravity(states.q, base=states.base)
     coriolis = dynamics.coriolis(states.q, states.qd, base=states.base)
     efforts = inverse.efforts + np.random.default_rng(seed).uniform(-1, 1, inverse.efforts.shape)
-    direct = dynamics.solve(states.q, states.qd, efforts=efforts, **question)
+    direct = dynamics.solve(states.q, states.qd, efforts=efforts, **options)
 
     for k in range(STATES):
         q, qd, (pose, twist), wrenches = (
@@ -89,12 +89,12 @@ def check_against_pinocchio(urdf, moving_base, seed, rotor_inertias=None):
 
         # direct model: the articulated-body algorithm, or the projected matrix where joints depend on others
         condition = np.linalg.cond(A_k) if A_k.size else 1
-        pushed = efforts[k] - friction[k]
+        net_efforts = efforts[k] - friction[k]
         if S.shape[0] == S.shape[1]:
-            qdd, base_acceleration = peer.direct(q, qd, pushed, pose, twist, wrenches)
+            qdd, base_acceleration = peer.direct(q, qd, net_efforts, pose, twist, wrenches)
         else:
-            both = np.linalg.solve(A_k, np.r_[np.zeros(b), pushed] - H_k)
-            base_acceleration, qdd = both[:b], both[b:]
+            solution = np.linalg.solve(A_k, np.r_[np.zeros(b), net_efforts] - H_k)
+            base_acceleration, qdd = solution[:b], solution[b:]
         tolerance = TOLERANCE * max(1, condition / 1e5)
         assert relative_error(direct.accelerations[k], qdd) < tolerance
         if moving_base:
@@ -129,55 +129,55 @@ def test_reactions_and_link_poses_agree_with_pinocchio(robot, moving_base):
     peer = PinocchioModel(urdf, dynamics.all_joint_names, moving_base)
     S, offset = independent_joints(urdf, dynamics.all_joint_names)
     states = random_states(model, S.shape[1], 5, seed=9)
-    answer = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=states.base, external_wrenches=states.wrenches)
+    result = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=states.base, external_wrenches=states.wrenches)
     links = [link.name for link in model.links[1:]]
     poses = {frame.name: dynamics.link_pose(frame.name, states.q, base=states.base) for frame in model.frames}
     for k in range(5):
         q, qd, qdd, (pose, twist) = S @ states.q[k] + offset, S @ states.qd[k], S @ states.qdd[k], states.base_of(k)
-        base = () if answer.base_acceleration is None else answer.base_acceleration[k]
+        base = () if result.base_acceleration is None else result.base_acceleration[k]
         expected = peer.reactions(q, qd, qdd, links, pose, twist, base, states.wrenches_of(k))
-        assert relative_error(answer.reactions[k, 1:], expected) < TOLERANCE
-        for name, found in poses.items():
-            np.testing.assert_allclose(found[k], peer.link_pose(name, q, pose), rtol=0, atol=1e-12)
+        assert relative_error(result.reactions[k, 1:], expected) < TOLERANCE
+        for name, actual_poses in poses.items():
+            np.testing.assert_allclose(actual_poses[k], peer.link_pose(name, q, pose), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["panda", "talos"])
-def test_joints_that_depend_on_others_on_a_base_moved_as_told(name):
+def test_dependent_joints_on_a_prescribed_base_agree_with_pinocchio(name):
     urdf = real_urdf(name)
     robot = read_urdf(urdf, moving_base=True)
     dynamics = Dynamics(robot)
     peer = PinocchioModel(urdf, dynamics.all_joint_names, True)
     S, offset = independent_joints(urdf, dynamics.all_joint_names)
     states = random_states(robot, S.shape[1], STATES, seed=6)
-    told = np.random.default_rng(6).uniform(-3, 3, (STATES, 6))
-    base = Base(states.base.pose, states.base.twist, told)
-    answer = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=base, external_wrenches=states.wrenches)
-    pushed = dynamics.direct(states.q, states.qd, answer.efforts, base=base, external_wrenches=states.wrenches)
+    base_accelerations = np.random.default_rng(6).uniform(-3, 3, (STATES, 6))
+    base = Base(states.base.pose, states.base.twist, base_accelerations)
+    result = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=base, external_wrenches=states.wrenches)
+    direct = dynamics.direct(states.q, states.qd, result.efforts, base=base, external_wrenches=states.wrenches)
     for k in range(STATES):
         q, qd = S @ states.q[k] + offset, S @ states.qd[k]
         A, H = peer.inertia_matrix(q), peer.bias(q, qd, *states.base_of(k), states.wrenches_of(k))
-        rows = A @ np.r_[told[k], S @ states.qdd[k]] + H
-        assert relative_error(answer.reactions[k, 0], rows[:6]) < TOLERANCE
-        assert relative_error(answer.efforts[k] - dynamics.friction(states.qd[k]), S.T @ rows[6:]) < TOLERANCE
-        assert relative_error(pushed[k], states.qdd[k]) < TOLERANCE * max(1, np.linalg.cond(A) / 1e5)
+        rows = A @ np.r_[base_accelerations[k], S @ states.qdd[k]] + H
+        assert relative_error(result.reactions[k, 0], rows[:6]) < TOLERANCE
+        assert relative_error(result.efforts[k] - dynamics.friction(states.qd[k]), S.T @ rows[6:]) < TOLERANCE
+        assert relative_error(direct[k], states.qdd[k]) < TOLERANCE * max(1, np.linalg.cond(A) / 1e5)
 
 
-def test_given_base_acceleration_is_kept_and_its_wrench_is_the_first_reaction():
-    """Moved as told, the base needs the wrench that Pinocchio's rnea gives in its first six rows."""
+def test_prescribed_base_acceleration_is_kept_and_its_wrench_is_the_first_reaction():
+    """The wrench on a prescribed base agrees with the first six rows of Pinocchio's rnea."""
     urdf = real_urdf("anymal_c")
     robot = read_urdf(urdf, moving_base=True)
     dynamics, states = Dynamics(robot), random_states(robot, len(robot.joints), STATES, seed=5)
-    told = np.random.default_rng(5).uniform(-3, 3, (STATES, 6))
-    base = Base(states.base.pose, states.base.twist, told)
-    answer = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=base, external_wrenches=states.wrenches)
-    pushed = dynamics.solve(states.q, states.qd, efforts=answer.efforts, base=base, external_wrenches=states.wrenches)
+    base_accelerations = np.random.default_rng(5).uniform(-3, 3, (STATES, 6))
+    base = Base(states.base.pose, states.base.twist, base_accelerations)
+    result = dynamics.solve(states.q, states.qd, qdd=states.qdd, base=base, external_wrenches=states.wrenches)
+    direct = dynamics.solve(states.q, states.qd, efforts=result.efforts, base=base, external_wrenches=states.wrenches)
     peer = PinocchioModel(urdf, dynamics.joint_names, True)
     for k in range(STATES):
         A = peer.inertia_matrix(states.q[k])
         H = peer.bias(states.q[k], states.qd[k], *states.base_of(k), states.wrenches_of(k))
-        rows = A @ np.r_[told[k], states.qdd[k]] + H
-        assert relative_error(answer.reactions[k, 0], rows[:6]) < TOLERANCE
-        assert relative_error(answer.efforts[k] - dynamics.friction(states.qd[k]), rows[6:]) < TOLERANCE
-        assert relative_error(pushed.accelerations[k], states.qdd[k]) < TOLERANCE
-        assert relative_error(pushed.reactions[k, 0], rows[:6]) < TOLERANCE
-    assert np.allclose(answer.base_acceleration, told, rtol=0, atol=1e-13)
+        rows = A @ np.r_[base_accelerations[k], states.qdd[k]] + H
+        assert relative_error(result.reactions[k, 0], rows[:6]) < TOLERANCE
+        assert relative_error(result.efforts[k] - dynamics.friction(states.qd[k]), rows[6:]) < TOLERANCE
+        assert relative_error(direct.accelerations[k], states.qdd[k]) < TOLERANCE
+        assert relative_error(direct.reactions[k, 0], rows[:6]) < TOLERANCE
+    assert np.allclose(result.base_acceleration, base_accelerations, rtol=0, atol=1e-13)

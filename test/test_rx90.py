@@ -1,5 +1,5 @@
-"""The Stäubli RX90 with random parameters: from a SYMORO+ .par, from an MDH table in YAML, and put together by hand in
-Pinocchio, it has the same dynamics, rotor inertia and friction included."""
+"""The Stäubli RX90 with random parameters: a SYMORO+ .par, an MDH table in YAML and a model built by hand in Pinocchio
+have the same dynamics, rotor inertia and friction included."""
 
 from pathlib import Path
 
@@ -17,15 +17,15 @@ SYMORO = Path(__file__).parents[2] / "shared" / "data" / "par" / "RX90.par"
 
 
 def random_parameters(seed):
-    """A value for each name of the .par: bodies that can exist, rotors, frictions, lengths, gravity upside down."""
+    """Return a value for each name of the .par: possible bodies, rotors, frictions, lengths, inverted gravity."""
     rng = np.random.default_rng(seed)
     values = {"D3": rng.uniform(0.2, 1), "RL4": rng.uniform(0.2, 1), "G3": -9.81}
     for j in range(1, 7):
         points, masses = rng.uniform(-0.3, 0.3, (6, 3)), rng.uniform(0.1, 3, 6)  # a body of six point masses
         J = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for p, m in zip(points, masses, strict=True))
         moments = [J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2]]
-        told = [*moments, *(masses @ points), masses.sum(), *rng.uniform(0.1, 3, 3)]
-        values.update({f"{key}{j}": float(value) for key, value in zip(KEYS, told, strict=True)})
+        parameters = [*moments, *(masses @ points), masses.sum(), *rng.uniform(0.1, 3, 3)]
+        values.update({f"{key}{j}": float(value) for key, value in zip(KEYS, parameters, strict=True)})
     return values
 
 
@@ -37,8 +37,8 @@ def par_text():
     lists |= {key: [f"{key}{j}" for j in range(1, 7)] for key in KEYS}
     lists["QP"] = [f"QP{j}" for j in range(1, 7)]  # state: needs no value
     lists["G"] = ["0", "0", "G3"]
-    told = "\n".join(f"{key} = {{{','.join(entries)}}}" for key, entries in lists.items())
-    return f"(* Robotname = 'RX90' *)\nNL = 6\nNJ = 6\nNF = 6\nType = 0\n{told}\n(* End of definition *)\n"
+    body = "\n".join(f"{key} = {{{','.join(entries)}}}" for key, entries in lists.items())
+    return f"(* Robotname = 'RX90' *)\nNL = 6\nNJ = 6\nNF = 6\nType = 0\n{body}\n(* End of definition *)\n"
 
 
 def yaml_text(values):
@@ -57,7 +57,7 @@ def yaml_text(values):
 
 
 def by_hand(values):
-    """The chain in Pinocchio: revolute about z, frames placed by Rot(x, α) Trans(x, d) Trans(z, r)."""
+    """Return the chain in Pinocchio: revolute about z, frames placed by Rot(x, α) Trans(x, d) Trans(z, r)."""
     model, parent = pin.Model(), 0
     numbers = {"0": 0.0, "pi/2": np.pi / 2, "-pi/2": -np.pi / 2, "D3": values["D3"], "RL4": values["RL4"]}
     for j, (alpha, d, r) in enumerate(GEOMETRY, start=1):
@@ -74,12 +74,12 @@ def by_hand(values):
     return model
 
 
-def relative_error(found, expected):
-    return np.abs(found - expected).max() / np.abs(expected).max()
+def relative_error(actual, expected):
+    return np.abs(actual - expected).max() / np.abs(expected).max()
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_par_yaml_and_pinocchio_are_the_same_robot(seed):
+def test_par_and_yaml_agree_with_pinocchio(seed):
     values = random_parameters(seed)
     model = by_hand(values)
     data = model.createData()
@@ -100,7 +100,7 @@ def test_par_yaml_and_pinocchio_are_the_same_robot(seed):
 
 
 @pytest.mark.skipif(not SYMORO.exists(), reason="the .par of the SYMORO+ project is not beside this checkout")
-def test_par_of_symoro_is_the_table_of_this_test():
+def test_par_of_symoro_agrees_with_the_table_of_this_test():
     values = random_parameters(0)
     ours, theirs = (Dynamics(load_robot(text, values=values)) for text in (par_text(), SYMORO.read_text()))
     q = np.linspace(-1, 1, 6)

@@ -1,1 +1,1 @@
-"""Elastodynamics: robots whose links bend; their mass and stiffness, natural frequencies and motion."""
+"""Elastodynamics: mass and stiffness, natural frequencies and dynamics of robots with flexible links."""

@@ -1,87 +1,100 @@
-"""How a beam element moves while it bends: where its sections stand in its beginning, and how they move against it.
+"""Kinematics of a bent beam element: placements of its sections in the frame of its start, and their motion.
 
-The section at a share s of the length L stands at p(s) = [s L + u - ½ eᵀ S(s) e, v, w], turned by the rotation vector
+The section at a fraction s of the length L is at p(s) = [s L + u - ½ eᵀ S(s) e, v, w], turned by the rotation vector
 θ(s) = [φ, -w', v'], where u, v, w and φ are interpolated from the elastic coordinates e by the shape functions of the
-element (element.py). ½ eᵀ S(s) e = ½ ∫ v'² + w'² dx is by how much the beam's end comes nearer as it bends, so that u
-is what stretches it: this is where a centrifugal force stiffens a beam and a weight softens it. Velocities and
-accelerations below are the exact derivatives of this placement, nothing in them is linearised.
+element (element.py). ½ eᵀ S(s) e = ½ ∫ v'² + w'² dx is the shortening of the beam by bending, so that u is its
+elongation: this term makes a centrifugal force stiffen a beam and a weight soften it. Velocities and accelerations
+below are the exact derivatives of this placement; nothing in them is linearised.
 """
+
+from __future__ import annotations
 
 from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
+from robot_dynamics.flexible.element import Element
 from robot_dynamics.model.inertia import skew
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, dot, screw
 
-TERMS = 12  # exact to rounding up to π
+TERMS = 12  # of the series: exact to rounding up to φ = π
 
 
-def _series():
-    """(TERMS, 5) coefficients of series in x = φ²: of sin φ / φ, (1 - cos φ) / φ², (φ - sin φ) / φ³, and of the
-    derivatives of the last two."""
-    told = np.array([[(-1) ** k / factorial(2 * k + first) for first in (1, 2, 3)] for k in range(TERMS)])
-    slopes = np.zeros((TERMS, 2))
-    slopes[:-1] = np.arange(1, TERMS)[:, None] * told[1:, 1:]
-    return np.hstack([told, slopes])
+def _series_coefficients() -> Array:
+    """Return (TERMS, 5) coefficients of series in x = φ².
+
+    Columns: sin φ / φ, (1 - cos φ) / φ², (φ - sin φ) / φ³, and the derivatives of the last two with respect to x.
+    """
+    values = np.array([[(-1) ** k / factorial(2 * k + first) for first in (1, 2, 3)] for k in range(TERMS)])
+    derivatives = np.zeros((TERMS, 2))
+    derivatives[:-1] = np.arange(1, TERMS)[:, None] * values[1:, 1:]
+    return np.hstack([values, derivatives])
 
 
-SERIES = _series()
+SERIES = _series_coefficients()
 
 
 class AttachedFrames(NamedTuple):
-    """Frames that hang on one frame and that the same coordinates x (..., k) move against it, p of them.
+    """The p frames that the same coordinates x (..., k) move in a parent frame.
 
-    rotations, positions: (..., p, 3, 3) and (..., p, 3) in it; columns: (..., p, 6, k), their twists against it for
-    unit rates, in their own axes at their origins; rates: (..., p, 6) these twists; drifts: (..., p, 6) by how much
-    they change where the rates of the coordinates do not.
+    rotations, positions: (..., p, 3, 3) and (..., p, 3) in the parent frame; columns: (..., p, 6, k) relative twists
+    for unit rates, in the axes of the frames at their origins; rates: (..., p, 6) relative twists; drifts: (..., p, 6)
+    derivatives of these twists at constant rates of the coordinates.
     """
 
-    rotations: np.ndarray
-    positions: np.ndarray
-    columns: np.ndarray
-    rates: np.ndarray
-    drifts: np.ndarray
+    rotations: Array
+    positions: Array
+    columns: Array
+    rates: Array
+    drifts: Array
 
 
-def place_sections(element, placement, e, rates):
-    """The Hung sections of an Element, in the frame in which `placement` (4, 4) has its beginning.
+def place_sections(element: Element, placement: Array, e: Array, rates: Array) -> AttachedFrames:
+    """Return the sections of an element in the frame in which its start has `placement` (4, 4).
 
     e, rates: (..., 6) elastic coordinates and their rates.
     """
-    told, e, rates = element.sections, e[..., None, :], rates[..., None, :]
-    nearer = apply(told.shortenings, e)  # S e
-    moved, moving = apply(told.shapes, e), apply(told.shapes, rates)
-    along = np.array([1.0, 0.0, 0.0])
-    p = moved[..., :3] + along * (told.distances[:, None] - dot(e, nearer) / 2)
-    velocity = moving[..., :3] - along * dot(rates, nearer)
-    drift = -along * dot(rates, apply(told.shortenings, rates))
-    R, E, turning = _turned(moved[..., 3:], moving[..., 3:])
-    linear = told.shapes[:, :3] - along[:, None] * nearer[..., None, :]
-    angular = E @ told.shapes[:, 3:]
-    transposed = np.swapaxes(R, -1, -2)
-    columns = np.concatenate([transposed @ linear, transposed @ angular], axis=-2)
-    omega = apply(E, moving[..., 3:])
-    begin, start = placement[:3, :3], placement[:3, 3]
+    sections = element.sections
+    e = e[..., None, :]
+    rates = rates[..., None, :]
+    shortening_gradient = apply(sections.shortenings, e)  # S e
+    displacement = apply(sections.shapes, e)
+    displacement_rate = apply(sections.shapes, rates)
+    axis = np.array([1.0, 0.0, 0.0])
+    p = displacement[..., :3] + axis * (sections.distances[:, None] - dot(e, shortening_gradient) / 2)
+    velocity = displacement_rate[..., :3] - axis * dot(rates, shortening_gradient)
+    drift = -axis * dot(rates, apply(sections.shortenings, rates))
+    R, E, angular_drift = _rotate(displacement[..., 3:], displacement_rate[..., 3:])
+    linear = sections.shapes[:, :3] - axis[:, None] * shortening_gradient[..., None, :]
+    angular = E @ sections.shapes[:, 3:]
+    R_transposed = np.swapaxes(R, -1, -2)
+    columns = np.concatenate([R_transposed @ linear, R_transposed @ angular], axis=-2)
+    omega = apply(E, displacement_rate[..., 3:])
+    start_rotation = placement[:3, :3]
+    start_position = placement[:3, 3]
     return AttachedFrames(
-        begin @ R,
-        start + apply(begin, p),
+        start_rotation @ R,
+        start_position + apply(start_rotation, p),
         columns,
         screw(apply_transposed(R, velocity), apply_transposed(R, omega)),
-        screw(apply_transposed(R, drift), apply_transposed(R, turning)),
+        screw(apply_transposed(R, drift), apply_transposed(R, angular_drift)),
     )
 
 
-def _turned(theta, rate):
-    """Of rotation vectors θ (..., 3) with rates θ̇: (R = exp θ̂, E, Ė θ̇), where the angular velocity is E θ̇, in the
-    axes against which they turn."""
+def _rotate(theta: Array, rate: Array) -> tuple[Array, Array, Array]:
+    """Return R = exp θ̂, E and Ė θ̇ of rotation vectors θ (..., 3) with rates θ̇ (..., 3).
+
+    E θ̇ is the angular velocity, in the axes in which θ is given.
+    """
     x = dot(theta, theta)
-    sine, a, b, slope_a, slope_b = np.polynomial.polynomial.polyval(x, SERIES)
-    change = 2 * dot(theta, rate)  # of x, with time
-    hat, once = skew(theta), cross(theta, rate)
-    squared = hat @ hat
-    R = np.eye(3) + sine[..., None] * hat + a[..., None] * squared
-    E = np.eye(3) + a[..., None] * hat + b[..., None] * squared
-    drift = change * (slope_a * once + slope_b * cross(theta, once)) + b * cross(rate, once)
+    sine, a, b, a_derivative, b_derivative = np.polynomial.polynomial.polyval(x, SERIES)
+    x_rate = 2 * dot(theta, rate)
+    theta_hat = skew(theta)
+    product = cross(theta, rate)
+    squared = theta_hat @ theta_hat
+    R = np.eye(3) + sine[..., None] * theta_hat + a[..., None] * squared
+    E = np.eye(3) + a[..., None] * theta_hat + b[..., None] * squared
+    drift = x_rate * (a_derivative * product + b_derivative * cross(theta, product)) + b * cross(rate, product)
     return R, E, drift

@@ -1,201 +1,359 @@
-"""How a serial or branched robot moves whose links bend, rigid and elastic motion together: `Dynamics.flexible_arm`."""
+"""Inverse and direct dynamics of a serial or branched robot with flexible links: rigid and elastic motion together."""
 
+from __future__ import annotations
+
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.block_recursion import solve, sweep_forward
-from robot_dynamics.flexible.structure import build_structure, nearest_node
-from robot_dynamics.inputs import base_state, common_batch_shape, require_finite
+from robot_dynamics.flexible.structure import nearest_node
+from robot_dynamics.flexible.structure_builder import build_structure
+from robot_dynamics.inputs import UNACTUATED_REASON, ExternalWrenches, base_state, common_batch_shape, require_finite
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.results import broadcast_result
 
-MAX_ROTATION = 1.0  # [rad] of the end of an element; what bends more is not slightly bent
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+
+MAX_ROTATION = 1.0  # of the end of an element [rad]: the model assumes slight bending
 
 
 @dataclass(frozen=True, eq=False)
 class FlexibleDynamicsResult:
-    """accelerations: (..., n) of the joints [rad/s² or m/s²]; elastic_accelerations: (..., m) [m/s² or rad/s²];
-    efforts: (..., n) of their motors [N m or N]."""
+    """Motion and efforts of a robot with flexible links.
 
-    accelerations: np.ndarray
-    elastic_accelerations: np.ndarray
-    efforts: np.ndarray
+    Attributes
+    ----------
+    accelerations : (..., n)
+        Accelerations of the joints [rad/s² or m/s²].
+    elastic_accelerations : (..., m)
+        Second derivatives of the elastic coordinates [m/s² or rad/s²].
+    efforts : (..., n)
+        Efforts of the actuators [N m or N]; zero at unactuated joints.
+    """
+
+    accelerations: Array
+    elastic_accelerations: Array
+    efforts: Array
 
 
 class FlexibleArm:
-    """Inverse and direct dynamics of a robot whose links bend; `Dynamics.flexible_arm` gives it.
+    """Inverse and direct dynamics of a robot with flexible links; `Dynamics.flexible_arm` constructs it.
 
-    joint_names: of the n joints, as Dynamics has them. elastic_names: of the m elastic coordinates,
-    `link.element.component` (x, y, z [m], rx, ry, rz [rad]): by how much the end of an element has moved and turned
-    against its beginning, in the axes of that, x along the element.
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of a robot without loops on a fixed base.
 
-    q, qd, qdd, efforts are (..., n), e and ed (..., m); external_wrenches: {link or frame: (..., 6)}, what the
-    environment does to it, in its own axes at its origin. Frames move as the links bend. Joints without motor move as
-    they must, whether they have a brake or not.
+    Attributes
+    ----------
+    joint_names : tuple of str
+        The n joints, in the order of `Dynamics.joint_names`.
+    elastic_coordinate_names : tuple of str
+        The m elastic coordinates, `link.element.component`: displacement (x, y, z [m]) and rotation (rx, ry, rz [rad])
+        of the end of an element relative to its start, in the axes of the start, x along the element.
+    structure : Structure
+        The virtual tree of elements (internal).
 
-    Approximate is only the shape of an element against its own beginning: that of a slender beam, slightly bent, whose
-    end comes nearer as it bends, so that centrifugal forces stiffen it and weights soften it. For that shape all is
-    exact: how far the frames behind it are carried, and the inertia forces of the bent beam in any motion. Cut into
-    more elements, a beam may bend far. Left out: shear, damping of the material, and what torsion and bending do to
-    each other within an element.
+    Raises
+    ------
+    InvalidInputError
+        The robot has loops, a platform, mimic joints or a moving base.
 
-    Raises QuestionError for robots with loops, platforms, joints that follow others, or a base that moves, and for
-    elements whose ends turn by more than 1 rad; SingularModelError where something moves without inertia.
+    Notes
+    -----
+    q, qd, qdd and efforts are (..., n), e and ed (..., m). Unactuated joints move freely, with a brake or without.
+
+    The only approximation is the shape of an element relative to its own start: that of a slender beam, slightly bent,
+    which shortens as it bends, so that centrifugal forces stiffen it and weights soften it. For that shape the large
+    motion of the frames behind it and the inertial forces of the bent beam are exact. A beam of more elements may bend
+    further. Not modelled: shear, material damping, coupling of torsion and bending within an element.
+
+    Methods raise InvalidInputError where an argument does not fit or the end of an element turns by more than 1 rad.
     """
 
-    def __init__(self, dynamics):
-        self._dynamics, self._robot = dynamics, dynamics.robot
-        _refuse_others(self._robot)
+    def __init__(self, dynamics: Dynamics) -> None:
+        self._robot = dynamics.robot
+        _refuse_unsupported(self._robot)
         self.structure = build_structure(self._robot, held=())
-        own = [list(node.coordinates) for node in self.structure.nodes]
-        where = {node.joint_number: node.coordinates[0] for node in self.structure.nodes if node.joint is not None}
-        self._joints = [where[number] for number in range(len(self._robot.joints))]
-        self._elements = [pair for pair in zip(self.structure.nodes, own, strict=True) if pair[0].element is not None]
+        nodes = self.structure.nodes
+        coordinates = {node.joint_number: node.coordinates[0] for node in nodes if node.joint is not None}
+        # numbers of the joints, and of the coordinates of each element, among the generalized coordinates
+        self._joints = [coordinates[number] for number in range(len(self._robot.joints))]
+        self._elements = [(node.element, list(node.coordinates)) for node in nodes if node.element is not None]
         self._elastic = [number for _, numbers in self._elements for number in numbers]
-        self.joint_names = dynamics.joint_names
-        self.elastic_coordinate_names = tuple(self.structure.coordinates[number] for number in self._elastic)
+        self.joint_names: tuple[str, ...] = dynamics.joint_names
+        self.elastic_coordinate_names: tuple[str, ...] = tuple(
+            self.structure.coordinates[number] for number in self._elastic
+        )
 
     @property
-    def stiffness(self):
-        """K (m, m) [N/m, N, N m]: K e is what bends the links."""
+    def stiffness(self) -> Array:
+        """(m, m) stiffness matrix K [N/m, N, N m] of the elastic coordinates: K e are the elastic forces."""
         K = np.zeros((len(self.structure.coordinates),) * 2)
-        for node, own in self._elements:
-            K[np.ix_(own, own)] = node.element.stiffness
+        for element, numbers in self._elements:
+            K[np.ix_(numbers, numbers)] = element.stiffness
         return K[np.ix_(self._elastic, self._elastic)]
 
-    def inverse(self, q, qd, qdd, e, ed, *, external_wrenches=None):
-        """The FlexibleMotion of joints that move as told, their links being bent as told: efforts, and how the bending
-        goes on. Source: Khalil, sections 3.2 and 6, with elastic coordinates for elastic joints."""
-        driven = np.array([joint.actuated for joint in self._robot.joints], dtype=bool)
-        return self._moved(q, qd, e, ed, external_wrenches, driven, qdd=self._driven("accelerations", qdd))
+    def inverse(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        qdd: ArrayLike,
+        e: ArrayLike,
+        ed: ArrayLike,
+        *,
+        external_wrenches: ExternalWrenches | None = None,
+    ) -> FlexibleDynamicsResult:
+        """Inverse dynamic model: efforts and elastic accelerations for prescribed joint accelerations.
 
-    def direct(self, q, qd, efforts, e, ed, *, external_wrenches=None):
-        """The FlexibleMotion that efforts, gravity and the bent links cause. Source: Khalil, section 3.3.2."""
-        driven = np.zeros(len(self._robot.joints), dtype=bool)
-        return self._moved(q, qd, e, ed, external_wrenches, driven, efforts=self._driven("efforts", efforts))
+        Parameters
+        ----------
+        q, qd, qdd : array_like, shape (..., n)
+            Positions [rad or m], velocities, accelerations of the joints; 0 or nan for the accelerations of unactuated
+            joints.
+        e, ed : array_like, shape (..., m)
+            Elastic coordinates [m or rad] and their rates.
+        external_wrenches : mapping of str to array_like, shape (..., 6), optional
+            Wrenches of the environment on links or frames [N, N m], in their own axes at their origins, which move as
+            the links bend.
 
-    def inertia_matrix(self, q, e):
-        """M(q, e) (..., n + m, n + m), of the joints, then of the elastic coordinates; rotors are counted."""
-        q, e = self._shape(q, e)
-        places = [*self._joints, *self._elastic]
+        Returns
+        -------
+        FlexibleDynamicsResult
+
+        Raises
+        ------
+        InvalidInputError
+            An argument does not fit the robot.
+        SingularModelError
+            Some motion has no inertia.
+
+        Notes
+        -----
+        Source: Khalil, sections 3.2 and 6, with elastic coordinates in the place of elastic joints.
+        """
+        prescribed = np.array([joint.actuated for joint in self._robot.joints], dtype=bool)
+        accelerations = self._check_actuated("accelerations", qdd)
+        return self._solve(q, qd, e, ed, external_wrenches, prescribed, qdd=accelerations)
+
+    def direct(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        efforts: ArrayLike,
+        e: ArrayLike,
+        ed: ArrayLike,
+        *,
+        external_wrenches: ExternalWrenches | None = None,
+    ) -> FlexibleDynamicsResult:
+        """Direct dynamic model: joint and elastic accelerations that efforts cause.
+
+        Parameters
+        ----------
+        q, qd, e, ed, external_wrenches
+            As `inverse`.
+        efforts : array_like, shape (..., n)
+            Efforts of the actuators [N m or N]; 0 or nan for unactuated joints.
+
+        Returns
+        -------
+        FlexibleDynamicsResult
+
+        Raises
+        ------
+        InvalidInputError, SingularModelError
+            As `inverse`.
+
+        Notes
+        -----
+        Source: Khalil, section 3.3.2.
+        """
+        prescribed = np.zeros(len(self._robot.joints), dtype=bool)
+        return self._solve(
+            q, qd, e, ed, external_wrenches, prescribed, efforts=self._check_actuated("efforts", efforts)
+        )
+
+    def inertia_matrix(self, q: ArrayLike, e: ArrayLike) -> Array:
+        """Mass matrix M(q, e) of the joints and the elastic coordinates, rotors included.
+
+        Parameters
+        ----------
+        q, e
+            As `inverse`.
+
+        Returns
+        -------
+        ndarray, shape (..., n + m, n + m)
+            The joints first.
+
+        Raises
+        ------
+        InvalidInputError
+            An argument does not fit the robot.
+        """
+        q, e = self._check_shape(q, e)
+        coordinates = [*self._joints, *self._elastic]
         x, _ = self._coordinates(common_batch_shape(q, e), q, 0.0, e, 0.0)
-        x = np.repeat(x[..., None, :], len(places), axis=-2)  # for each a unit acceleration, nothing else
-        units = np.broadcast_to(np.eye(len(places))[places], x.shape)
+        x = np.repeat(x[..., None, :], len(coordinates), axis=-2)  # one row for each unit acceleration
+        units = np.broadcast_to(np.eye(len(coordinates))[coordinates], x.shape)
         sweep = sweep_forward(self.structure, x, np.zeros_like(x), {})
-        none = np.zeros(len(places), dtype=bool)
-        M = solve(self.structure, sweep, units, np.zeros_like(x), none, np.zeros(6))[1][..., places]
+        none_unknown = np.zeros(len(coordinates), dtype=bool)
+        _, forces = solve(self.structure, sweep, units, np.zeros_like(x), none_unknown, np.zeros(6))
+        M = forces[..., coordinates]
         return (M + np.swapaxes(M, -1, -2)) / 2
 
-    def link_pose(self, name, q, e):
-        """Pose (..., 4, 4) of a link or of another frame, in frame 0, where its links are bent by e."""
-        q, e = self._shape(q, e)
-        node, placed = self._fastened(name)
+    def link_pose(self, name: str, q: ArrayLike, e: ArrayLike) -> Array:
+        """Pose of a link frame in frame 0 with bent links.
+
+        Parameters
+        ----------
+        name : str
+            Name of a link or of another frame.
+        q, e
+            As `inverse`.
+
+        Returns
+        -------
+        ndarray, shape (..., 4, 4)
+
+        Raises
+        ------
+        InvalidInputError
+            An argument does not fit the robot.
+        """
+        q, e = self._check_shape(q, e)
+        node, pose = self._find_node(name)
         x, _ = self._coordinates(common_batch_shape(q, e), q, 0.0, e, 0.0)
         sweep = sweep_forward(self.structure, x, np.zeros_like(x), {})
-        pose = placed
         while node:
-            attached, here = sweep.attached[node], np.zeros((*x.shape[:-1], 4, 4))
-            here[..., :3, :3], here[..., :3, 3] = attached.rotations[..., -1, :, :], attached.positions[..., -1, :]
-            here[..., 3, 3] = 1
-            pose, node = here @ pose, self.structure.nodes[node].parent
+            attached = sweep[node].attached
+            in_parent = np.zeros((*x.shape[:-1], 4, 4))
+            in_parent[..., :3, :3] = attached.rotations[..., -1, :, :]
+            in_parent[..., :3, 3] = attached.positions[..., -1, :]
+            in_parent[..., 3, 3] = 1
+            pose = in_parent @ pose
+            node = self.structure.nodes[node].parent_number
         return broadcast_result(pose, x.shape[:-1], axes=2)
 
-    def _moved(self, q, qd, e, ed, external_wrenches, driven, qdd=None, efforts=None):
-        """The FlexibleMotion where accelerations of the joints `driven` are given, and efforts of the others."""
-        q, e = self._shape(q, e)
-        qd, ed = self._vector("velocities", qd), self._bending("rates of bending", ed)
-        wrenches = self._wrenches(external_wrenches)
-        given = qdd if efforts is None else efforts
-        batch = common_batch_shape(q, qd, e, ed, given, *wrenches.values())
+    def _solve(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        e: ArrayLike,
+        ed: ArrayLike,
+        external_wrenches: ExternalWrenches | None,
+        prescribed: BoolArray,
+        qdd: Array | None = None,
+        efforts: Array | None = None,
+    ) -> FlexibleDynamicsResult:
+        """Return the motion with known accelerations of the joints `prescribed` and known efforts of the others."""
+        q, e = self._check_shape(q, e)
+        qd = self._check_joints("velocities", qd)
+        ed = self._check_elastic("rates of bending", ed)
+        wrenches = self._node_wrenches(external_wrenches)
+        batch = common_batch_shape(q, qd, e, ed, qdd, efforts, *wrenches.values())
         x, rates = self._coordinates(batch, q, qd, e, ed)
-        accelerations, forces = np.zeros_like(x), np.zeros_like(x)
-        with np.errstate(all="ignore"):  # what is not finite is refused in the end
-            lost = friction(self._robot, qd) + spring_force(self._robot, q, qd)
+        accelerations = np.zeros_like(x)
+        forces = np.zeros_like(x)
+        with np.errstate(all="ignore"):  # values that are not finite are refused at the end
+            passive_efforts = friction(self._robot, qd) + spring_force(self._robot, q, qd)
             forces[..., self._elastic] = -e @ self.stiffness
-            forces[..., self._joints] = -lost if efforts is None else efforts - lost
+            forces[..., self._joints] = -passive_efforts if efforts is None else efforts - passive_efforts
             if qdd is not None:
                 accelerations[..., self._joints] = qdd
-            found = np.ones(x.shape[-1], dtype=bool)
-            found[self._joints] = ~driven
+            unknown = np.ones(x.shape[-1], dtype=bool)
+            unknown[self._joints] = ~prescribed
             sweep = sweep_forward(self.structure, x, rates, wrenches)
-            ground = base_state(self._robot, None).rest_acceleration
-            accelerations, forces = solve(self.structure, sweep, accelerations, forces, found, ground)
-            if efforts is None:
-                efforts = np.where(driven, forces[..., self._joints] + lost, 0.0)  # of the others it is rounding
+            base_acceleration = base_state(self._robot, None).rest_acceleration
+            accelerations, forces = solve(self.structure, sweep, accelerations, forces, unknown, base_acceleration)
+            if efforts is None:  # of joints that are not prescribed the remainder is a rounding error
+                efforts = np.where(prescribed, forces[..., self._joints] + passive_efforts, 0.0)
         return FlexibleDynamicsResult(
             broadcast_result(accelerations[..., self._joints], batch),
             broadcast_result(accelerations[..., self._elastic], batch),
             broadcast_result(efforts, batch),
         )
 
-    def _coordinates(self, batch, q, qd, e, ed):
-        """(positions, rates) (..., g) in the order of the structure."""
-        x, rates = (np.zeros((*batch, len(self.structure.coordinates))) for _ in range(2))
-        x[..., self._joints], x[..., self._elastic] = q, e
-        rates[..., self._joints], rates[..., self._elastic] = qd, ed
+    def _coordinates(
+        self, batch: tuple[int, ...], q: Array, qd: Array | float, e: Array, ed: Array | float
+    ) -> tuple[Array, Array]:
+        """Return generalized coordinates and rates (..., g) in the order of the structure."""
+        x = np.zeros((*batch, len(self.structure.coordinates)))
+        x[..., self._joints] = q
+        x[..., self._elastic] = e
+        rates = np.zeros_like(x)
+        rates[..., self._joints] = qd
+        rates[..., self._elastic] = ed
         return x, rates
 
-    def _vector(self, what, values, ignored_columns=None):
-        return require_finite(
-            what, values, len(self.joint_names), f"joints ({', '.join(self.joint_names)})", ignored_columns
-        )
+    def _check_joints(self, label: str, values: ArrayLike, ignored_columns: Mapping[int, str] | None = None) -> Array:
+        """Return checked values (..., n) of the joints."""
+        names = f"joints ({', '.join(self.joint_names)})"
+        return require_finite(label, values, len(self.joint_names), names, ignored_columns)
 
-    def _driven(self, what, values):
-        why = "no motor drives it, so the acceleration is part of the answer and the effort is zero"
+    def _check_actuated(self, label: str, values: ArrayLike) -> Array:
+        """Return checked accelerations or efforts (..., n), which unactuated joints do not take."""
         unactuated = [number for number, joint in enumerate(self._robot.joints) if not joint.actuated]
-        return self._vector(what, values, dict.fromkeys(unactuated, why))
+        return self._check_joints(label, values, dict.fromkeys(unactuated, UNACTUATED_REASON))
 
-    def _bending(self, what, values):
-        return require_finite(
-            what, values, len(self.elastic_coordinate_names), "elastic coordinates, those of elastic_names"
-        )
+    def _check_elastic(self, label: str, values: ArrayLike) -> Array:
+        """Return checked values (..., m) of the elastic coordinates."""
+        names = "elastic coordinates, in the order of elastic_coordinate_names"
+        return require_finite(label, values, len(self.elastic_coordinate_names), names)
 
-    def _shape(self, q, e):
-        """q and e checked, elements being but slightly bent."""
-        q, e = self._vector("positions", q), self._bending("bending", e)
-        turned = e.reshape(*e.shape[:-1], len(self._elements), 6)[..., 3:]
-        angles = np.linalg.norm(turned, axis=-1)
+    def _check_shape(self, q: ArrayLike, e: ArrayLike) -> tuple[Array, Array]:
+        """Return checked q and e of slightly bent elements."""
+        q = self._check_joints("positions", q)
+        e = self._check_elastic("bending", e)
+        rotations = e.reshape(*e.shape[:-1], len(self._elements), 6)[..., 3:]
+        angles = np.linalg.norm(rotations, axis=-1)
         if angles.size and angles.max() > MAX_ROTATION:
-            name = self.elastic_coordinate_names[6 * (int(np.argmax(angles)) % angles.shape[-1])].rsplit(".", 1)[0]
+            element = int(np.argmax(angles)) % angles.shape[-1]
+            name = self.elastic_coordinate_names[6 * element].rsplit(".", 1)[0]
             raise InvalidInputError(
-                f"the end of {name!r} is turned by {angles.max():.3g} rad against its beginning: elements bend but "
-                f"slightly, {MAX_ROTATION:g} rad at most. Cut its beam into more elements"
+                f"the end of {name!r} is turned by {angles.max():.3g} rad relative to its start: the model of an "
+                f"element holds up to {MAX_ROTATION:g} rad. Divide its beam into more elements"
             )
         return q, e
 
-    def _fastened(self, name):
-        """(node, placement (4, 4) in it) of a frame."""
+    def _find_node(self, name: str) -> tuple[int, Array]:
+        """Return the node that carries a frame, and the placement (4, 4) of the frame in it."""
         frame = self._robot.frame(name)
         nodes = [number for number, node in enumerate(self.structure.nodes) if node.link == frame.link]
         return nearest_node(self.structure.nodes, nodes, frame.placement)
 
-    def _wrenches(self, told):
-        """{node: (..., 6) what its environment does to it, at its origin and in its axes}."""
-        if told is not None and not hasattr(told, "items"):
-            raise InvalidInputError(f"external_wrenches: {{link name: (..., 6)}} is needed, not {type(told).__name__}")
-        found = {}
-        for name, wrench in (told or {}).items():
-            node, placed = self._fastened(name)
-            wrench = require_finite(f"wrench on {name!r}", wrench, 6, "components of force and torque")
-            found[node] = found.get(node, 0) + wrench_to_antecedent(placed[:3, :3], placed[:3, 3], wrench)
-        return found
+    def _node_wrenches(self, external_wrenches: ExternalWrenches | None) -> dict[int, Array]:
+        """Return wrenches (..., 6) of the environment by node, at its origin and in its axes."""
+        if not isinstance(external_wrenches, Mapping | None):
+            raise InvalidInputError("external_wrenches: a mapping {link name: (..., 6)} is needed")
+        wrenches: dict[int, Array] = {}
+        for name, values in (external_wrenches or {}).items():
+            node, placement = self._find_node(name)
+            wrench = require_finite(f"external wrench on {name!r}", values, 6, "force and torque components")
+            wrenches[node] = wrenches.get(node, 0) + wrench_to_antecedent(placement[:3, :3], placement[:3, 3], wrench)
+        return wrenches
 
 
-def _refuse_others(robot):
-    """Refuse what is not a tree of joints that move on their own, on a fixed base."""
-    reasons = {
+def _refuse_unsupported(robot: Robot) -> None:
+    """Raise InvalidInputError unless a robot is a tree of independent joints on a fixed base."""
+    unsupported = {
         "loops": bool(robot.loops),
         "a platform": bool(robot.platforms),
-        "a base that moves": robot.moving_base,
-        "joints that follow others": any(joint.mimic is not None for joint in robot.joints),
+        "a moving base": robot.moving_base,
+        "mimic joints": any(joint.mimic is not None for joint in robot.joints),
     }
-    for reason, given in reasons.items():
-        if given:
+    for feature, is_present in unsupported.items():
+        if is_present:
             raise InvalidInputError(
-                f"{robot.name!r} has {reason}: with links that bend, only dynamics of chains and trees on a fixed base "
-                "are there. Natural frequencies are: `Dynamics.elastodynamics`"
+                f"{robot.name!r} has {feature}: flexible links are simulated only in chains and trees of independent "
+                "joints on a fixed base. For natural frequencies use `Dynamics.elastodynamics`"
             )

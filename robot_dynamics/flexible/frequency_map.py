@@ -1,42 +1,85 @@
 """Maps of natural frequencies over poses of a platform."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
 from robot_dynamics.parallel.pose_map import evaluate_over_grid
+
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
 
 
 @dataclass(frozen=True, eq=False)
 class FrequencyMap:
-    """axes: {coordinate: (k,) values [m or rad]}, in the order of the dimensions of what follows.
+    """Natural frequencies of a parallel robot over a grid of poses; `frequency_map` returns it.
 
-    reached: (...) whether the legs reach the pose; frequencies: (..., m) [Hz], nan where they do not.
+    Attributes
+    ----------
+    axes : dict of str to array_like, shape (k,)
+        Coordinates of the grid [m or rad], in the order of the dimensions (...) below.
+    reachable : ndarray of bool, shape (...)
+        Whether the legs reach the pose.
+    frequencies : (..., m)
+        [Hz], ascending; nan where the legs do not reach the pose.
     """
 
-    axes: dict
-    reachable: np.ndarray
-    frequencies: np.ndarray
+    axes: dict[str, ArrayLike]
+    reachable: BoolArray
+    frequencies: Array
 
 
-def frequency_map(dynamics, axes, fixed_coordinates=None, count=5, threads=1, progress=None):
-    """The FrequencyMap of a parallel robot over a grid: its first `count` frequencies.
+def frequency_map(
+    dynamics: Dynamics,
+    axes: Mapping[str, ArrayLike],
+    fixed_coordinates: Mapping[str, float] | None = None,
+    count: int = 5,
+    threads: int = 1,
+    progress: Callable[[float], object] | None = None,
+) -> FrequencyMap:
+    """Compute the lowest natural frequencies of a parallel robot over a grid of poses.
 
-    axes: {coordinate: values} of the grid, such as {"x": linspace(-0.1, 0.1, 41)}; at: {coordinate: value} of the
-    others, where the robot begins if left out; threads: how many share the work; progress: is called with the share
-    that is done. The program of the matrices is compiled first, where there can be one.
+    The program of the matrices is compiled first, where there is one.
 
-    Raises QuestionError for coordinates that the platform has not.
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Of a robot with one platform.
+    axes : mapping of str to array_like, shape (k,)
+        Values of the coordinates of the grid [m or rad], such as ``{"x": linspace(-0.1, 0.1, 41)}``.
+    fixed_coordinates : mapping of str to float, optional
+        Values of the other free coordinates. Default: those of the initial positions.
+    count : int
+        Number of frequencies.
+    threads : int
+        Number of threads.
+    progress : callable, optional
+        Called with the completed fraction, 0 to 1.
+
+    Returns
+    -------
+    FrequencyMap
+
+    Raises
+    ------
+    InvalidInputError
+        The robot has no platform or several; a coordinate is unknown, not free, or both varied and fixed.
     """
     elastodynamics = dynamics.elastodynamics
     elastodynamics.compile_if_possible()
 
-    def part(poses):
+    def evaluate(poses: Array) -> tuple[ScalarArray, ...]:
         q, reachable = dynamics.platform.reach(poses)
-        found = np.full((len(poses), count), np.nan)
+        frequencies = np.full((len(poses), count), np.nan)
         if reachable.any():
-            some = elastodynamics.frequencies(q[reachable], count=count, threads=threads)
-            found[reachable, : some.shape[-1]] = some
-        return reachable, found
+            of_reachable = elastodynamics.frequencies(q[reachable], count=count, threads=threads)
+            frequencies[reachable, : of_reachable.shape[-1]] = of_reachable
+        return reachable, frequencies
 
-    return FrequencyMap(dict(axes), *evaluate_over_grid(dynamics, axes, fixed_coordinates, part, progress))
+    reachable, frequencies = evaluate_over_grid(dynamics, axes, fixed_coordinates, evaluate, progress)
+    return FrequencyMap(dict(axes), reachable, frequencies)

@@ -1,8 +1,10 @@
 """The matrices of a robot as a customised straight-line program, traced from the recursion and compiled.
 
-Most entries of M and K are zero or constant, whatever the pose, and symmetric: the program computes each of the others
-once, and what it gives is laid into templates.
+Most entries of M and K are zero or constant at every pose, and the matrices are symmetric: the program computes each of
+the other entries once, and its results are copied into templates.
 """
+
+from __future__ import annotations
 
 import logging
 from threading import Lock
@@ -10,129 +12,158 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, IntArray, ScalarArray
 from robot_dynamics.codegen.jit.background import run_in_background
-from robot_dynamics.codegen.jit.compiled_program import compile_program, load_program
+from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
-from robot_dynamics.codegen.trace.program import build_program
-from robot_dynamics.codegen.trace.scalar import CONSTANT, Scalar, Trace
+from robot_dynamics.codegen.trace.program import Program, build_program
+from robot_dynamics.codegen.trace.scalar import Scalar, Trace
 from robot_dynamics.errors import CompilationError, InvalidInputError
 from robot_dynamics.flexible.matrices import constrained_matrices
+from robot_dynamics.flexible.structure import Structure
+from robot_dynamics.model.robot import Robot
 
 logger = logging.getLogger(__name__)
 MATRIX_NAMES = ("mass", "stiffness", "expansion")
-COMPILE_AFTER = 0.2  # seconds that matrices are computed by the recursion before a program is worth compiling
+COMPILE_AFTER = 0.2  # seconds of recursions after which a program is compiled
 
 
 class MatrixLayout(NamedTuple):
-    """Where what a program gives belongs in a matrix: template, with the constants; places: of entries in the flattened
-    matrix; values: which of the values each of them is; signs."""
+    """Positions of the program's results in a matrix.
 
-    template: np.ndarray
-    places: np.ndarray
-    values: np.ndarray
-    signs: np.ndarray
+    template: the matrix (n, m) with its constant entries; indices: (p,) of the other entries in the flattened matrix;
+    results: (p,) numbers of the program's results in these entries; signs: (p,) of the results there.
+    """
 
-    def fill(self, values):
-        """(..., n, m) from what the program gave, (..., k)."""
+    template: Array
+    indices: IntArray
+    results: IntArray
+    signs: IntArray
+
+    def fill(self, values: Array) -> Array:
+        """Return matrices (..., n, m) of results (..., k) of the program."""
         batch = values.shape[:-1]
         flat = np.empty((*batch, self.template.size))
         flat[...] = self.template.ravel()
-        flat[..., self.places] = values[..., self.values] * self.signs
+        flat[..., self.indices] = values[..., self.results] * self.signs
         return flat.reshape(*batch, *self.template.shape)
 
 
-class MatricesProgram:
-    """The program of M and K of a Structure.
+class TracedMatrices(NamedTuple):
+    """A program from q to the varying entries, the layouts of MATRIX_NAMES, and the independent coordinates."""
 
-    Where none can be, since the loops are not closed element by element, or nothing compiles, `ready` stays None.
+    program: Program
+    layouts: tuple[MatrixLayout, ...]
+    independent: tuple[int, ...]
+
+
+class CompiledMatrices(NamedTuple):
+    """As TracedMatrices, with a compiled program."""
+
+    compiled: CompiledProgram
+    layouts: tuple[MatrixLayout, ...]
+    independent: tuple[int, ...]
+
+    def __call__(self, q: Array) -> tuple[Array, Array, Array, tuple[int, ...]]:
+        """Return mass, stiffness, expansion and independent coordinates at positions q (..., all joints)."""
+        values = np.empty((*q.shape[:-1], *self.compiled.interface.outputs[0][1]))
+        rows = values.reshape(-1, values.shape[-1])
+        for sample, row in zip(np.ascontiguousarray(q).reshape(-1, q.shape[-1]), rows, strict=True):
+            self.compiled.evaluate(sample, row)  # some microseconds: a vectorised loop takes longer to compile
+        mass, stiffness, expansion = (layout.fill(values) for layout in self.layouts)
+        return mass, stiffness, expansion, self.independent
+
+
+class MatricesProgram:
+    """The program of M and K of a Structure, compiled on request or in the background.
+
+    compiled_matrices: CompiledMatrices, None until they are compiled, or where there is no program: the loops are not
+    closed element by element, or no compiler is available.
     """
 
-    def __init__(self, structure, robot):
-        self._structure, self._robot = structure, robot
-        self._lock, self._spent, self._started = Lock(), 0.0, False
-        self._traced = self._compiled = None
-        self.compiled_matrices = None
+    def __init__(self, structure: Structure, robot: Robot) -> None:
+        self._structure = structure
+        self._robot = robot
+        self._lock = Lock()
+        self._recursion_time = 0.0
+        self._has_started = False
+        self._traced: TracedMatrices | None = None
+        self.compiled_matrices: CompiledMatrices | None = None
 
     @property
-    def program(self):
-        """The Program of what varies, with its Operations. Raises QuestionError where there is none."""
-        return self._trace()[0]
+    def program(self) -> Program:
+        """The Program of the varying entries. Raises InvalidInputError where there is none."""
+        return self._trace().program
 
-    def _trace(self):
+    def _trace(self) -> TracedMatrices:
         if self._traced is None:
             self._traced = trace_matrices(self._structure, self._robot)
         return self._traced
 
-    def compile(self):
-        """Compile now, or load what was kept. Raises CompilationError and QuestionError."""
+    def compile(self) -> CompiledMatrices:
+        """Compile now, or load the program from the cache. Raises CompilationError and InvalidInputError."""
         with self._lock:
-            if self._compiled is None:
+            if self.compiled_matrices is None:
                 program, layouts, independent = self._trace()
                 key = fingerprint(self._robot, self._structure.coordinates, self._structure.components, MATRIX_NAMES)
                 compiled = (key and load_program(key, lambda: program)) or compile_program(program, key=key)
-                self._compiled = compiled
                 self.compiled_matrices = CompiledMatrices(compiled, layouts, independent)
-        return self.compiled_matrices
+            return self.compiled_matrices
 
-    def record_duration(self, seconds):
-        """Tell that the recursion took so long; a program that is worth it is compiled in the background."""
-        self._spent += seconds
-        if self._spent > COMPILE_AFTER and not self._started:
-            self._started = True
-            run_in_background(self._try)
+    def record_duration(self, seconds: float) -> None:
+        """Count the time of a recursion; above COMPILE_AFTER in total, compile in the background."""
+        self._recursion_time += seconds
+        if self._recursion_time > COMPILE_AFTER and not self._has_started:
+            self._has_started = True
+            run_in_background(self._try_compile)
 
-    def _try(self):
+    def _try_compile(self) -> None:
         try:
             self.compile()
         except (CompilationError, InvalidInputError) as reason:
             logger.debug("matrices of %r are computed without a program: %s", self._robot.name, reason)
-        except Exception:  # a fault of ours must not end a thread in silence, and the recursion goes on
+        except Exception:  # a bug must not end the thread silently; the recursion still works
             logger.exception("the matrices of %r could not be compiled", self._robot.name)
 
 
-class CompiledMatrices(NamedTuple):
-    """A compiled program, and the Layouts of what it gives."""
-
-    compiled: object
-    layouts: tuple
-    independent: tuple
-
-    def __call__(self, q):
-        """(mass, stiffness, expansion, independent) at positions q (..., all joints)."""
-        values = np.empty((*q.shape[:-1], *self.compiled.interface.outputs[0][1]))
-        rows = values.reshape(-1, values.shape[-1])
-        for sample, row in zip(np.ascontiguousarray(q).reshape(-1, q.shape[-1]), rows, strict=True):
-            self.compiled.evaluate(sample, row)  # some microseconds: a loop of vectors takes longer to compile
-        return (*(layout.fill(values) for layout in self.layouts), self.independent)
-
-
-def trace_matrices(structure, robot):
-    """(Program q -> entries (k,), Layouts of mass, stiffness and expansion, independent coordinates)."""
+def trace_matrices(structure: Structure, robot: Robot) -> TracedMatrices:
+    """Return the TracedMatrices of a robot. Raises InvalidInputError where there is no program."""
     trace = Trace()
     q = trace.input("q", len(robot.joints))
-    system = constrained_matrices(structure, robot, q)
-    if system is None:
+    matrices = constrained_matrices(structure, robot, q)
+    if matrices is None:
         raise InvalidInputError(f"the loops of {robot.name!r} are not closed element by element: there is no program")
-    numbers, entries, layouts = {}, [], []
-    for name in MATRIX_NAMES:
-        matrix = getattr(system, name)
-        template, places, values, signs = np.zeros(matrix.shape), [], [], []
-        for place, entry in enumerate(matrix.ravel()):
-            if not isinstance(entry, Scalar):
-                template.flat[place] = entry
-            elif trace.nodes[entry.node][0] == CONSTANT:
-                template.flat[place] = entry.sign * trace.constant_value(entry.node)
-            else:
-                if entry.node not in numbers:
-                    numbers[entry.node] = len(entries)
-                    entries.append(entry if entry.sign > 0 else -entry)
-                places.append(place)
-                values.append(numbers[entry.node])
-                signs.append(entry.sign)
-        layouts.append(MatrixLayout(template, *(np.array(told, dtype=int) for told in (places, values, signs))))
-    listed = np.empty(len(entries), dtype=object)
-    listed[:] = entries
+    numbers: dict[int, int] = {}  # of the results, by node of the trace
+    entries: list[Scalar] = []
+    layouts = tuple(_layout(trace, getattr(matrices, name), numbers, entries) for name in MATRIX_NAMES)
     if not entries:
         raise InvalidInputError(f"the matrices of {robot.name!r} are the same at every pose: there is no program")
-    program = build_program(trace, "matrices", {"q": len(robot.joints)}, {"entries": listed})
-    return program, tuple(layouts), system.independent
+    outputs = np.empty(len(entries), dtype=object)
+    outputs[:] = entries
+    program = build_program(trace, "matrices", {"q": len(robot.joints)}, {"entries": outputs})
+    return TracedMatrices(program, layouts, matrices.independent)
+
+
+def _layout(trace: Trace, matrix: ScalarArray, numbers: dict[int, int], entries: list[Scalar]) -> MatrixLayout:
+    """Return the layout of a matrix; add its varying entries to `entries` and their positions there to `numbers`."""
+    template = np.zeros(matrix.shape)
+    indices: list[int] = []
+    results: list[int] = []
+    signs: list[int] = []
+    for index, entry in enumerate(matrix.ravel()):
+        if not isinstance(entry, Scalar):
+            template.flat[index] = entry
+            continue
+        constant = trace.constant_value(entry.node)
+        if constant is not None:
+            template.flat[index] = entry.sign * constant
+        else:
+            if entry.node not in numbers:
+                numbers[entry.node] = len(entries)
+                entries.append(entry if entry.sign > 0 else -entry)
+            indices.append(index)
+            results.append(numbers[entry.node])
+            signs.append(entry.sign)
+    return MatrixLayout(
+        template, np.array(indices, dtype=int), np.array(results, dtype=int), np.array(signs, dtype=int)
+    )

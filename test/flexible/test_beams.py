@@ -1,4 +1,4 @@
-"""One clamped beam against closed forms, cut into more and more elements."""
+"""A clamped beam of an increasing number of elements against closed forms."""
 
 import numpy as np
 import pytest
@@ -20,26 +20,26 @@ joints:
 """
 
 
-def shares(elements, rotary):
-    """{kind: frequencies [Hz]} of a clamped beam, each mode told by what its end does most."""
+def frequencies_by_kind(elements, rotary):
+    """Return {kind: frequencies [Hz]} of a clamped beam; the largest displacement of the end gives the kind."""
     robot = load_robot(BEAM.format(elements=elements, rotary=str(rotary).lower()))
-    answer = Dynamics(robot).elastodynamics.natural_frequencies(np.zeros(1))
+    result = Dynamics(robot).elastodynamics.natural_frequencies(np.zeros(1))
     kinds = {"x": "axial", "y": "bending z", "rz": "bending z", "z": "bending y", "ry": "bending y", "rx": "torsion"}
-    found = {}
-    for frequency, shape in zip(answer.frequencies, answer.mode_shapes, strict=True):
-        component = answer.coordinates[np.argmax(np.abs(shape))].rsplit(".", 1)[1]
-        found.setdefault(kinds[component], []).append(frequency)
-    return found
+    frequencies = {}
+    for frequency, shape in zip(result.frequencies, result.mode_shapes, strict=True):
+        component = result.coordinates[np.argmax(np.abs(shape))].rsplit(".", 1)[1]
+        frequencies.setdefault(kinds[component], []).append(frequency)
+    return frequencies
 
 
 @pytest.mark.parametrize("rotary", [False, True])
 @pytest.mark.parametrize("kind, second", [("bending z", 2e-8), ("bending y", 5e-8)])
-def test_bending_converges_from_above(kind, second, rotary):
+def test_bending_frequencies_converge_from_above(kind, second, rotary):
     """The error falls as h⁴: cubic shape functions give the energy to h⁴."""
     exact = (rayleigh_clamped_free if rotary else clamped_free)(3, LENGTH, E * second, RHO * 4e-4, RHO * second)
-    errors = np.array([shares(elements, rotary)[kind][:3] / exact - 1 for elements in (2, 4, 8, 16)])
-    one = shares(1, rotary)[kind][0] / exact[0] - 1
-    assert one > errors[0, 0] > 0
+    errors = np.array([frequencies_by_kind(elements, rotary)[kind][:3] / exact - 1 for elements in (2, 4, 8, 16)])
+    single_error = frequencies_by_kind(1, rotary)[kind][0] / exact[0] - 1
+    assert single_error > errors[0, 0] > 0
     assert (errors > 0).all()
     assert (np.diff(errors, axis=0) < 0).all()
     orders = np.log2(errors[1:-1] / errors[2:])
@@ -48,11 +48,11 @@ def test_bending_converges_from_above(kind, second, rotary):
 
 
 @pytest.mark.parametrize("kind, speed", [("axial", np.sqrt(E / RHO)), ("torsion", np.sqrt(G * 3e-8 / (RHO * 7e-8)))])
-def test_waves_along_the_beam_converge_from_above(kind, speed):
+def test_axial_and_torsional_frequencies_converge_from_above(kind, speed):
     """The error falls as h²: linear shape functions."""
     exact = speed / (4 * LENGTH) * np.array([1, 3, 5])
     errors = [
-        shares(elements, True)[kind][: min(3, elements)] / exact[: min(3, elements)] - 1
+        frequencies_by_kind(elements, True)[kind][: min(3, elements)] / exact[: min(3, elements)] - 1
         for elements in (1, 2, 4, 8, 16)
     ]
     assert all((error > 0).all() for error in errors)
@@ -61,7 +61,7 @@ def test_waves_along_the_beam_converge_from_above(kind, speed):
     assert abs(errors[0][0] - (np.sqrt(3) / (np.pi / 2) - 1)) < 1e-12  # one linear element, by hand
 
 
-def test_the_element_s_matrices_are_those_of_the_textbook():
+def test_element_matrices_agree_with_the_textbook():
     """Links 1 to 4 of the NaVARo, in the nodal form of finite elements, by the six numbers a node of Przemieniecki."""
     from peers.frame import local_matrices
     from peers.navaro import BAR

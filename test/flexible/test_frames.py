@@ -1,8 +1,8 @@
 """Frames and linkages against finite-element programs.
 
 OpenSees (the wheels openseespy and openseespylinux; they need libblas3 and liblapack3 of the system): its consistent
-mass matrix of a beam has no rotary inertia, and its torsional inertia is that of the torsion constant; so have the
-beams here. The frame of test/peers has rotary inertia too.
+mass matrix of a beam has no rotary inertia, and its torsional inertia is that of the torsion constant; so do the beams
+here. The frame of test/peers has rotary inertia too.
 """
 
 from importlib import import_module
@@ -85,20 +85,20 @@ CRANKS = [0.9, 2.1, -0.6]
 
 
 @pytest.mark.parametrize("q", ANGLES)
-def test_two_links_are_a_frame_of_beams(q):
+def test_two_links_agree_with_a_frame_of_beams(q):
     dynamics = described(TWO_LINKS, rotary=True)
     base, elbow, tip, z_upper, z_fore = chain_points(dynamics, q)
     frame = Frame()
     a, b, c = frame.node(base, clamped=True), frame.node(elbow), frame.node(tip)
     frame.beam(a, b, THICK, z_upper, 3)
     frame.beam(b, c, THIN, z_fore, 2)
-    found, expected = dynamics.elastodynamics.frequencies(q), frame.frequencies()
-    assert len(found) == len(expected) == 30
-    assert np.abs(found / expected - 1).max() < 1e-9
+    actual, expected = dynamics.elastodynamics.frequencies(q), frame.frequencies()
+    assert len(actual) == len(expected) == 30
+    assert np.abs(actual / expected - 1).max() < 1e-9
 
 
-def test_nothing_holds_a_base_that_moves():
-    """Six motions of the whole without stiffness; the others are those of a frame that is not clamped."""
+def test_moving_base_adds_six_rigid_modes():
+    """Six rigid motions have no stiffness; the other frequencies are those of a free frame."""
     q, text = ANGLES[0], HEAD % (7e-8, 1.8e-8) + TWO_LINKS.replace("%s", "")
     dynamics = Dynamics(load_robot(text, moving_base=True))
     base, elbow, tip, z_upper, z_fore = chain_points(described(TWO_LINKS, rotary=True), q)
@@ -106,14 +106,14 @@ def test_nothing_holds_a_base_that_moves():
     a, b, c = frame.node(base), frame.node(elbow), frame.node(tip)
     frame.beam(a, b, THICK, z_upper, 3)
     frame.beam(b, c, THIN, z_fore, 2)
-    found, expected = dynamics.elastodynamics.frequencies(q), frame.frequencies()
-    assert not found[:6].any()
-    assert len(found) == len(expected) == 36
-    assert np.abs(found[6:] / expected[6:] - 1).max() < 1e-8
+    actual, expected = dynamics.elastodynamics.frequencies(q), frame.frequencies()
+    assert not actual[:6].any()
+    assert len(actual) == len(expected) == 36
+    assert np.abs(actual[6:] / expected[6:] - 1).max() < 1e-8
 
 
 @pytest.mark.parametrize("q", CRANKS)
-def test_a_hinged_four_bar_is_a_frame_with_hinges(q):
+def test_hinged_four_bar_agrees_with_a_frame_with_hinges(q):
     dynamics = described(FOUR_BAR, rotary=True)
     ground, knee, pin, foot = linkage_points(dynamics, [q])
     frame = Frame()
@@ -122,9 +122,9 @@ def test_a_hinged_four_bar_is_a_frame_with_hinges(q):
     frame.beam(a, b, THICK, elements=2)
     frame.beam(frame.hinge(b), c, THIN, elements=3)
     frame.beam(d, frame.hinge(c), THIN, elements=2)
-    found, expected = dynamics.elastodynamics.frequencies([q]), frame.frequencies()
-    assert len(found) == len(expected)
-    assert np.abs(found / expected - 1).max() < 1e-9
+    actual, expected = dynamics.elastodynamics.frequencies([q]), frame.frequencies()
+    assert len(actual) == len(expected)
+    assert np.abs(actual / expected - 1).max() < 1e-9
 
 
 class OpenSees:
@@ -145,10 +145,10 @@ class OpenSees:
         return self.nodes
 
     def hinge(self, node, position):
-        """A node at another one that may turn against it about the z axis of the ground."""
-        other = self.node(position)
-        self.program.equalDOF(node, other, 1, 2, 3, 4, 5)
-        return other
+        """Return a node at the same position that may turn about the z axis of the ground."""
+        twin = self.node(position)
+        self.program.equalDOF(node, twin, 1, 2, 3, 4, 5)
+        return twin
 
     def beams(self, first, second, ends, z, section, elements):
         A, I_y, I_z, I_0, _, E, G, rho = section
@@ -166,19 +166,19 @@ class OpenSees:
 
 
 @pytest.mark.parametrize("q", ANGLES)
-def test_two_links_against_opensees(q):
+def test_two_links_agree_with_opensees(q):
     dynamics, peer = described(TWO_LINKS, rotary=False), OpenSees()
     base, elbow, tip, z_upper, z_fore = chain_points(dynamics, q)
     a, b, c = (peer.node(point) for point in (base, elbow, tip))
     peer.program.fix(a, 1, 1, 1, 1, 1, 1)
     peer.beams(a, b, (base, elbow), z_upper, THICK, 3)
     peer.beams(b, c, (elbow, tip), z_fore, THIN, 2)
-    found = dynamics.elastodynamics.frequencies(q, count=10)
-    assert np.abs(found / peer.frequencies(10) - 1).max() < 1e-6
+    actual = dynamics.elastodynamics.frequencies(q, count=10)
+    assert np.abs(actual / peer.frequencies(10) - 1).max() < 1e-6
 
 
 @pytest.mark.parametrize("q", CRANKS)
-def test_a_hinged_four_bar_against_opensees(q):
+def test_hinged_four_bar_agrees_with_opensees(q):
     dynamics, peer = described(FOUR_BAR, rotary=False), OpenSees()
     ground, knee, pin, foot = linkage_points(dynamics, [q])
     a, b, c, d = (peer.node(point) for point in (ground, knee, pin, foot))
@@ -188,27 +188,27 @@ def test_a_hinged_four_bar_against_opensees(q):
     peer.beams(a, b, (ground, knee), z, THICK, 2)
     peer.beams(peer.hinge(b, knee), c, (knee, pin), z, THIN, 3)
     peer.beams(d, peer.hinge(c, pin), (foot, pin), z, THIN, 2)
-    found = dynamics.elastodynamics.frequencies([q], count=10)
-    assert np.abs(found / peer.frequencies(10) - 1).max() < 1e-6
+    actual = dynamics.elastodynamics.frequencies([q], count=10)
+    assert np.abs(actual / peer.frequencies(10) - 1).max() < 1e-6
 
 
-def test_the_elimination_by_elements_and_that_by_numbers_agree():
-    """A loop that is closed on rigid links leaves the choice to numbers; where both can, both give the same."""
+def test_elimination_by_elements_agrees_with_elimination_by_qr():
+    """Elimination by QR serves loops that close on rigid links; where both apply they agree."""
     from robot_dynamics.flexible.eigenmodes import natural_frequencies
     from robot_dynamics.flexible.matrices import constrained_matrices, constrained_matrices_by_qr
 
     dynamics = described(FOUR_BAR, rotary=True)
     structure, q = dynamics.elastodynamics.structure, dynamics.expand_positions([0.9])
-    ways = [
+    systems = [
         constrained_matrices(structure, dynamics.robot, q),
         constrained_matrices_by_qr(structure, dynamics.robot, q),
     ]
-    one, other = (natural_frequencies(way.mass, way.stiffness) for way in ways)
-    assert np.abs(one / other - 1).max() < 1e-9
+    by_elements, by_numbers = (natural_frequencies(system.mass, system.stiffness) for system in systems)
+    assert np.abs(by_elements / by_numbers - 1).max() < 1e-9
 
 
-def test_a_loop_that_ends_on_a_rigid_link():
-    """The rocker rigid, with a mass: that of the frame is ever stiffer."""
+def test_loop_that_closes_on_a_rigid_link_agrees_with_a_stiff_frame():
+    """The rocker is rigid, with a mass; that of the frame has increasing stiffness."""
     text = FOUR_BAR[: FOUR_BAR.index("  - joint: rocker")] + """
   - joint: rocker
     link: rocker
@@ -222,8 +222,8 @@ def test_a_loop_that_ends_on_a_rigid_link():
     dynamics = described(text, rotary=True)
     points = linkage_points(dynamics, [0.9])
     stiff, stiffer = (linkage_with_a_stiff_rocker(points, factor) for factor in (1e6, 2e6))
-    found = dynamics.elastodynamics.frequencies([0.9], count=10)
-    assert np.abs(found / (2 * stiffer - stiff) - 1).max() < 1e-5  # what is left of 1 / factor falls as its square
+    actual = dynamics.elastodynamics.frequencies([0.9], count=10)
+    assert np.abs(actual / (2 * stiffer - stiff) - 1).max() < 1e-5  # what is left of 1 / factor falls as its square
 
 
 def linkage_with_a_stiff_rocker(points, factor):
@@ -241,7 +241,7 @@ def linkage_with_a_stiff_rocker(points, factor):
 
 
 def test_elastic_joints_and_lumped_masses_have_their_closed_form():
-    """Rigid: a mass on a spring; one that bends without mass: F = 3 E I w / L³ at its end."""
+    """A rigid mass on a spring, and a massless cantilever with F = 3 E I w / L³ at its end."""
     text = """
 robot: pendulum
 joints:
@@ -253,8 +253,8 @@ joints:
     central_inertia: {zz: 0.1}
     centre_of_mass: [0.3, 0, 0]
 """
-    found = Dynamics(load_robot(text)).elastodynamics.frequencies([0.0])
-    assert found == pytest.approx(np.sqrt(50 / (0.1 + 2 * 0.09)) / (2 * np.pi), rel=1e-12)
+    actual = Dynamics(load_robot(text)).elastodynamics.frequencies([0.0])
+    assert actual == pytest.approx(np.sqrt(50 / (0.1 + 2 * 0.09)) / (2 * np.pi), rel=1e-12)
     text = """
 robot: flagpole
 materials: {nothing: {youngs_modulus: 70e9, poissons_ratio: 0.3, density: 0}}
@@ -263,14 +263,14 @@ joints:
   - {joint: a, link: pole, beams: [{to: [0.5, 0, 0], section: rod, material: nothing, elements: 2}]}
   - {type: fixed, link: weight, antecedent: pole, mdh: {d: 0.5}, mass: 3}
 """
-    answer = Dynamics(load_robot(text)).elastodynamics.natural_frequencies([0.0])
+    result = Dynamics(load_robot(text)).elastodynamics.natural_frequencies([0.0])
     stiffness = 3 * 70e9 * np.pi / 64 * 0.01**4 / 0.5**3
-    assert answer.frequencies[:2] == pytest.approx(np.sqrt(stiffness / 3) / (2 * np.pi), rel=1e-9)
-    assert np.isinf(answer.frequencies[3:]).all()
-    assert np.sum(np.isfinite(answer.frequencies)) == 3  # the weight is a point: it moves by three coordinates
+    assert result.frequencies[:2] == pytest.approx(np.sqrt(stiffness / 3) / (2 * np.pi), rel=1e-9)
+    assert np.isinf(result.frequencies[3:]).all()
+    assert np.sum(np.isfinite(result.frequencies)) == 3  # the weight is a point: it moves by three coordinates
 
 
-def test_a_mechanism_has_zeros_and_no_nan():
+def test_mechanism_has_zero_frequencies_and_no_nan():
     dynamics = described(FOUR_BAR, rotary=True)
     free = Elastodynamics(dynamics, held=[]).natural_frequencies([0.9])
     assert free.frequencies[0] == 0
@@ -278,7 +278,7 @@ def test_a_mechanism_has_zeros_and_no_nan():
     assert np.isfinite(free.frequencies).all()
 
 
-def test_what_has_neither_mass_nor_stiffness_is_refused():
+def test_motion_without_mass_and_stiffness_is_refused():
     text = """
 robot: loose
 materials: {alloy: {youngs_modulus: 70e9, poissons_ratio: 0.3, density: 2700}}
@@ -291,6 +291,6 @@ joints:
         Dynamics(load_robot(text)).elastodynamics.frequencies([0.0, 0.0])
 
 
-def test_a_spatial_robot_has_no_planar_variant():
+def test_planar_option_refuses_a_spatial_robot():
     with pytest.raises(InvalidInputError, match="does not move in the plane"):
         Elastodynamics(described(TWO_LINKS, rotary=True), planar=True)

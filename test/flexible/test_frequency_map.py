@@ -1,4 +1,4 @@
-"""Maps of frequencies, and modes as they are drawn."""
+"""Frequency maps, and pictures of modes."""
 
 import numpy as np
 import pytest
@@ -16,25 +16,25 @@ def dynamics():
 
 
 @pytest.fixture(scope="module")
-def found(dynamics):
+def frequencies_on_grid(dynamics):
     axes = {"x": np.array([-0.15, 0.02, 0.5]), "y": np.array([-0.15, 0.07])}
     done = []
-    found = frequency_map(dynamics, axes, {"yaw": -0.1}, count=5, threads=2, progress=done.append)
+    frequencies_on_grid = frequency_map(dynamics, axes, {"yaw": -0.1}, count=5, threads=2, progress=done.append)
     assert done == [1.0]
-    return found
+    return frequencies_on_grid
 
 
-def test_a_map_is_the_frame_of_finite_elements_at_each_pose(found):
-    assert found.frequencies.shape == (3, 2, 5)
-    assert found.reachable.tolist() == [[True, True], [True, True], [False, False]]
-    assert np.isnan(found.frequencies[2]).all()
-    for i, x in enumerate(found.axes["x"][:2]):
-        for j, y in enumerate(found.axes["y"]):
+def test_frequency_map_agrees_with_finite_elements_at_each_pose(frequencies_on_grid):
+    assert frequencies_on_grid.frequencies.shape == (3, 2, 5)
+    assert frequencies_on_grid.reachable.tolist() == [[True, True], [True, True], [False, False]]
+    assert np.isnan(frequencies_on_grid.frequencies[2]).all()
+    for i, x in enumerate(frequencies_on_grid.axes["x"][:2]):
+        for j, y in enumerate(frequencies_on_grid.axes["y"]):
             expected = navaro_frame(x, y, -0.1).frequencies()[:5]
-            assert np.abs(found.frequencies[i, j] / expected - 1).max() < 1e-8
+            assert np.abs(frequencies_on_grid.frequencies[i, j] / expected - 1).max() < 1e-8
 
 
-def test_coordinates_that_a_platform_has_not(dynamics):
+def test_unknown_coordinate_is_refused(dynamics):
     with pytest.raises(InvalidInputError, match="unknown coordinate of a platform 'w'"):
         frequency_map(dynamics, {"w": np.zeros(2)})
 
@@ -43,32 +43,32 @@ def test_welded_ends_move_together_and_feet_stay(dynamics):
     pose = pose_from_coordinates(np.array([0.02, -0.05, 0, 0.1, 0, 0]))
     elastodynamics = dynamics.elastodynamics
     q = elastodynamics.positions(pose=pose)
-    answer = elastodynamics.natural_frequencies(q, count=6)
-    for shape in answer.mode_shapes:
-        rests, moves = elastodynamics.node_positions(q, shape)
-        largest = np.abs(moves).max()
-        welds = np.linalg.norm(rests - pose[:3, 3], axis=1) < 1e-9
+    result = elastodynamics.natural_frequencies(q, count=6)
+    for shape in result.mode_shapes:
+        positions, displacements = elastodynamics.node_positions(q, shape)
+        largest = np.abs(displacements).max()
+        welds = np.linalg.norm(positions - pose[:3, 3], axis=1) < 1e-9
         assert welds.sum() >= 4  # the platform, and the end of each leg
-        assert np.ptp(moves[welds], axis=0).max() < 1e-9 * largest
-        feet = np.abs(np.linalg.norm(rests, axis=1) - GROUND) < 1e-9
+        assert np.ptp(displacements[welds], axis=0).max() < 1e-9 * largest
+        feet = np.abs(np.linalg.norm(positions, axis=1) - GROUND) < 1e-9
         assert feet.sum() >= 6
-        assert not moves[feet].any()
-    lengths = [np.linalg.norm(rests[a] - rests[b]) for a, b in elastodynamics.segments]
+        assert not displacements[feet].any()
+    lengths = [np.linalg.norm(positions[a] - positions[b]) for a, b in elastodynamics.segments]
     assert sum(abs(length - BAR_LENGTH) < 1e-9 for length in lengths) == 15
 
 
-def test_a_map_is_a_picture(found, tmp_path):
-    save_map_png("navaro", found, tmp_path / "map.png")
+def test_frequency_map_is_saved_as_a_picture(frequencies_on_grid, tmp_path):
+    save_map_png("navaro", frequencies_on_grid, tmp_path / "map.png")
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_pages_need_nothing_else(dynamics, found):
+def test_html_pages_are_self_contained(dynamics, frequencies_on_grid):
     pytest.importorskip("plotly", reason="plotly, which draws in HTML, is not installed")
     elastodynamics = dynamics.elastodynamics
     q = dynamics.initial_joint_positions
     shape = elastodynamics.natural_frequencies(q, count=1).mode_shapes[0]
-    drawn = *elastodynamics.node_positions(q, shape), elastodynamics.segments
-    pages = [map_html("navaro", found), mode_html("navaro", "mode 1", *drawn)]
+    arguments = *elastodynamics.node_positions(q, shape), elastodynamics.segments
+    pages = [map_html("navaro", frequencies_on_grid), mode_html("navaro", "mode 1", *arguments)]
     for page in pages:
         assert "<script src" not in page and "Plotly.newPlot" in page
     assert "addFrames" in pages[1]

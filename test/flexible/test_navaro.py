@@ -1,4 +1,4 @@
-"""The NaVARo against the frequencies that Briot and Khalil print, and against a frame of beams assembled by itself."""
+"""The NaVARo against the frequencies that Briot and Khalil print, and against an independent frame of beams."""
 
 import numpy as np
 import pytest
@@ -27,14 +27,14 @@ def platform_pose(x, y, theta):
     return pose_from_coordinates(np.array([x, y, 0, theta, 0, 0]))
 
 
-def test_the_paper_s_table(dynamics):
-    """Table 2, of which the material and two more inputs were inferred: config/robots/navaro.yaml says which."""
+def test_frequencies_agree_with_table_2_of_the_paper(dynamics):
+    """Table 2 of the paper; config/robots/navaro.yaml lists the inferred inputs."""
     for pose, printed in TABLE_2.items():
-        found = dynamics.elastodynamics.frequencies(pose=platform_pose(*POSES[pose]), count=5)
-        assert np.abs(found - printed).max() < 0.01, pose
+        actual = dynamics.elastodynamics.frequencies(pose=platform_pose(*POSES[pose]), count=5)
+        assert np.abs(actual - printed).max() < 0.01, pose
 
 
-def test_generalized_and_independent_coordinates(dynamics):
+def test_numbers_of_generalized_and_independent_coordinates(dynamics):
     """Section 4: 144, of which 90 are independent."""
     elastodynamics = dynamics.elastodynamics
     assert len(elastodynamics.coordinates) == len(set(elastodynamics.coordinates)) == 144
@@ -44,27 +44,27 @@ def test_generalized_and_independent_coordinates(dynamics):
 
 
 @pytest.mark.parametrize("pose", [*POSES.values(), *ASKEW])
-def test_all_frequencies_are_those_of_a_frame_of_finite_elements(dynamics, pose):
-    found = dynamics.elastodynamics.frequencies(pose=platform_pose(*pose))
+def test_all_frequencies_agree_with_a_frame_of_finite_elements(dynamics, pose):
+    actual = dynamics.elastodynamics.frequencies(pose=platform_pose(*pose))
     expected = navaro_frame(*pose).frequencies()
-    assert found.shape == expected.shape == (90,)
-    assert np.abs(found / expected - 1).max() < 1e-8
+    assert actual.shape == expected.shape == (90,)
+    assert np.abs(actual / expected - 1).max() < 1e-8
 
 
-def test_the_matrices_are_definite_and_the_modes_solve_them(dynamics):
+def test_matrices_are_definite_and_modes_solve_the_eigenvalue_problem(dynamics):
     matrices = dynamics.elastodynamics.matrices(pose=platform_pose(*ASKEW[1]))
-    answer = dynamics.elastodynamics.natural_frequencies(pose=platform_pose(*ASKEW[1]))
+    result = dynamics.elastodynamics.natural_frequencies(pose=platform_pose(*ASKEW[1]))
     assert np.linalg.eigvalsh(matrices.mass).min() > 0
     assert np.linalg.eigvalsh(matrices.stiffness).min() > 0
-    shapes = answer.mode_shapes[:, list(matrices.independent)].T
-    left = matrices.stiffness @ shapes
-    right = matrices.mass @ shapes * (2 * np.pi * answer.frequencies) ** 2
-    assert np.abs(left - right).max() < 1e-7 * np.abs(left).max()
+    shapes = result.mode_shapes[:, list(matrices.independent)].T
+    elastic_forces = matrices.stiffness @ shapes
+    inertial_forces = matrices.mass @ shapes * (2 * np.pi * result.frequencies) ** 2
+    assert np.abs(elastic_forces - inertial_forces).max() < 1e-7 * np.abs(elastic_forces).max()
 
 
 @pytest.mark.parametrize("pose", [POSES["b"], *ASKEW[:2]])
-def test_the_planar_variant_has_the_modes_in_the_plane(dynamics, pose):
-    """r = 3 (eq. 10): what moves in the plane does not see the rest."""
+def test_planar_variant_has_the_modes_in_the_plane(dynamics, pose):
+    """r = 3 (eq. 10): motion in the plane is decoupled from the other motion."""
     pose = platform_pose(*pose)
     spatial = dynamics.elastodynamics.natural_frequencies(pose=pose)
     planar = Elastodynamics(dynamics, planar=True).frequencies(pose=pose)
@@ -76,11 +76,11 @@ def test_the_planar_variant_has_the_modes_in_the_plane(dynamics, pose):
     assert np.abs(planar / spatial.frequencies[chosen] - 1).max() < 1e-9
 
 
-def test_a_batch_is_its_samples_and_a_program_the_recursion(dynamics):
+def test_batch_and_program_agree_with_single_samples_and_recursion(dynamics):
     poses = np.array([platform_pose(*pose) for pose in ASKEW])
     elastodynamics = Elastodynamics(dynamics)
-    one_by_one = np.array([elastodynamics.frequencies(pose=pose) for pose in poses])
-    assert np.abs(elastodynamics.frequencies(pose=poses) / one_by_one - 1).max() < 1e-9
+    single = np.array([elastodynamics.frequencies(pose=pose) for pose in poses])
+    assert np.abs(elastodynamics.frequencies(pose=poses) / single - 1).max() < 1e-9
     recursion = elastodynamics.matrices(pose=poses)
     pytest.importorskip("llvmlite")
     elastodynamics.compile()
@@ -88,37 +88,37 @@ def test_a_batch_is_its_samples_and_a_program_the_recursion(dynamics):
     for name in ("mass", "stiffness", "expansion"):
         expected = getattr(recursion, name)
         assert np.abs(getattr(program, name) - expected).max() < 1e-13 * np.abs(expected).max(), name
-    assert np.abs(elastodynamics.frequencies(pose=poses, threads=2) / one_by_one - 1).max() < 1e-9
+    assert np.abs(elastodynamics.frequencies(pose=poses, threads=2) / single - 1).max() < 1e-9
     assert np.abs(elastodynamics.matrices(pose=poses[0]).mass - recursion.mass[0]).max() < 1e-14
 
 
-def test_the_program_is_smaller_than_the_paper_s(dynamics):
+def test_program_has_fewer_operations_than_that_of_the_paper(dynamics):
     operations = dynamics.elastodynamics.operations
     assert operations.additions <= 36183
     assert operations.multiplications + operations.divisions <= 37341
 
 
-def test_a_motor_let_go_leaves_a_mechanism(dynamics):
-    """Cranks and arms held, the platform cannot move; with all of them free nothing holds its three motions."""
+def test_released_motors_leave_a_mechanism(dynamics):
+    """With cranks and arms held the platform cannot move; with all of them free it has three rigid motions."""
     free = Elastodynamics(dynamics, held=[])
-    answer = free.natural_frequencies(pose=platform_pose(*ASKEW[0]))
-    assert np.sum(answer.frequencies == 0) == 3
-    assert np.isfinite(answer.frequencies).all()
-    assert np.isfinite(answer.mode_shapes).all()
+    result = free.natural_frequencies(pose=platform_pose(*ASKEW[0]))
+    assert np.sum(result.frequencies == 0) == 3
+    assert np.isfinite(result.frequencies).all()
+    assert np.isfinite(result.mode_shapes).all()
 
 
-def test_out_of_reach_is_told_with_what_is_left(dynamics):
+def test_pose_out_of_reach_is_refused_with_the_remaining_gap(dynamics):
     with pytest.raises(SingularModelError, match=r"does not close.*apart"):
         dynamics.elastodynamics.frequencies(pose=platform_pose(0.6, 0, 0))
 
 
-def test_a_leg_stretched_out_is_told(dynamics):
-    """E as far from A as two bars reach: a singular pose, of which the tangent does not tell how the joints move."""
+def test_stretched_leg_is_refused_as_singular(dynamics):
+    """The distance from E to A is that of two stretched bars: a singular pose."""
     with pytest.raises(SingularModelError, match=r"singular|does not close"):
         dynamics.elastodynamics.frequencies(pose=platform_pose(0, 0.7 / np.sqrt(3) - 0.2027 - 0.42, 0))
 
 
-def test_questions_that_do_not_fit(dynamics):
+def test_invalid_arguments_are_refused(dynamics):
     with pytest.raises(InvalidInputError, match="one of the two"):
         dynamics.elastodynamics.frequencies()
     with pytest.raises(InvalidInputError, match="count is 0"):

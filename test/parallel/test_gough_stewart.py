@@ -1,4 +1,4 @@
-"""Parallel robots in coordinates of their platform: second solution against first, multipliers, Pinocchio, and work."""
+"""Parallel robots in platform coordinates: second solution against first, multipliers, Pinocchio and virtual work."""
 
 import numpy as np
 import pytest
@@ -18,19 +18,19 @@ MOTORS = [ROBOT.joint_numbers[name] for name in DYNAMICS.joint_names]
 
 
 def poses(count, rng=RNG):
-    """Within 0.1 m and 0.3 rad of where the robot starts."""
-    found = np.tile(np.eye(4), (count, 1, 1))
-    found[:, :3, 3] = np.array([0, 0, 0.8]) + rng.uniform(-0.1, 0.1, (count, 3))
-    found[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))).as_matrix()
-    return found
+    """Return poses within 0.1 m and 0.3 rad of the initial pose."""
+    matrices = np.tile(np.eye(4), (count, 1, 1))
+    matrices[:, :3, 3] = np.array([0, 0, 0.8]) + rng.uniform(-0.1, 0.1, (count, 3))
+    matrices[:, :3, :3] = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, (count, 3))).as_matrix()
+    return matrices
 
 
 POSES = poses(1000)
 TWISTS, ACCELERATIONS = RNG.uniform(-1, 1, (2, 1000, 6))
 
 
-def test_legs_meet_the_platform_as_closed_forms_say():
-    """The length of each leg and the direction of its rod, by hand."""
+def test_leg_lengths_agree_with_closed_forms():
+    """Leg lengths and platform poses by hand."""
     q = DYNAMICS.platform.joint_positions(POSES)
     for k in range(6):
         low, high = (ROBOT.joints[3 * k].placement[:3, 3], DYNAMICS.link_pose(f"rod{k}", q)[:, :3, 3])
@@ -39,22 +39,22 @@ def test_legs_meet_the_platform_as_closed_forms_say():
     np.testing.assert_allclose(DYNAMICS.link_pose("platform", q), POSES, atol=1e-12)
 
 
-def test_direct_geometry_finds_the_pose_it_came_from():
+def test_direct_geometry_inverts_inverse_geometry():
     q = DYNAMICS.platform.joint_positions(POSES)
     np.testing.assert_allclose(DYNAMICS.platform.pose(q[:, MOTORS]), POSES, atol=1e-10)
 
 
-def test_motions_of_joints_are_derivatives_along_a_motion_of_the_platform():
-    """Positions of all joints along a screw motion with the given twist: first and second differences."""
+def test_joint_motion_is_the_derivative_along_a_platform_motion():
+    """Positions of all joints along a screw motion with this twist: first and second differences."""
     pose, twist = POSES[0], TWISTS[0]
     h = 1e-4
 
     def moved(t):
-        found = pose.copy()
+        actual = pose.copy()
         R = pose[:3, :3]
-        found[:3, :3] = R @ Rotation.from_rotvec(t * twist[3:]).as_matrix()
-        found[:3, 3] = pose[:3, 3] + t * R @ twist[:3]  # the origin moves on straight, its acceleration is zero
-        return DYNAMICS.platform.joint_positions(found)
+        actual[:3, :3] = R @ Rotation.from_rotvec(t * twist[3:]).as_matrix()
+        actual[:3, 3] = pose[:3, 3] + t * R @ twist[:3]  # the origin moves on a straight line, its acceleration is zero
+        return DYNAMICS.platform.joint_positions(actual)
 
     q, qd, qdd = DYNAMICS.platform.joint_motion(pose, twist, np.zeros(6))
     before, after = moved(-h), moved(h)
@@ -62,56 +62,56 @@ def test_motions_of_joints_are_derivatives_along_a_motion_of_the_platform():
     np.testing.assert_allclose((after - 2 * q + before) / h**2, qdd, atol=1e-5)
 
 
-def test_inverse_then_direct_gives_the_acceleration_of_the_platform_back():
+def test_direct_model_inverts_the_inverse_model():
     efforts = DYNAMICS.platform.inverse(POSES, TWISTS, ACCELERATIONS)
-    found = DYNAMICS.platform.direct(POSES, TWISTS, efforts)
-    assert np.abs(found - ACCELERATIONS).max() < 1e-9
+    actual = DYNAMICS.platform.direct(POSES, TWISTS, efforts)
+    assert np.abs(actual - ACCELERATIONS).max() < 1e-9
 
 
 @pytest.mark.parametrize("leg", [0, 3])
-def test_second_solution_is_the_first(leg):
+def test_second_solution_agrees_with_the_first(leg):
     """The platform on one of the legs, loops through all others: 1000 poses and twists, to 1e-10 of the efforts."""
-    other = Dynamics(attached(ROBOT, leg))
+    first = Dynamics(attached(ROBOT, leg))
     q, qd, qdd = DYNAMICS.platform.joint_motion(POSES, TWISTS, ACCELERATIONS)
     efforts = DYNAMICS.platform.inverse(POSES, TWISTS, ACCELERATIONS)
-    assert other.joint_names == DYNAMICS.joint_names
-    everyone = np.full((1000, len(other.all_joint_names)), np.nan)
-    for place, name in enumerate(other.all_joint_names):
+    assert first.joint_names == DYNAMICS.joint_names
+    seed = np.full((1000, len(first.all_joint_names)), np.nan)
+    for column, name in enumerate(first.all_joint_names):
         if name in ROBOT.joint_numbers:
-            everyone[:, place] = q[:, ROBOT.joint_numbers[name]]
+            seed[:, column] = q[:, ROBOT.joint_numbers[name]]
     R = np.swapaxes(DYNAMICS.link_pose(f"rod{leg}", q)[:, :3, :3], 1, 2) @ POSES[:, :3, :3]
     # three joints about z, then x, then y of the frame before: Rz(a) C Rz(b) C Rz(c), with C the cyclic turn
     C = np.array([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
     for sample in range(1000):
-        everyone[sample, -3:] = _angles(R[sample], C)
-    found = other.inverse(everyone, qd[:, MOTORS], qdd[:, MOTORS])
-    assert np.abs(found - efforts).max() < 1e-10 * np.abs(efforts).max()
-    closed = other.expand_positions(everyone)
+        seed[sample, -3:] = _angles(R[sample], C)
+    actual = first.inverse(seed, qd[:, MOTORS], qdd[:, MOTORS])
+    assert np.abs(actual - efforts).max() < 1e-10 * np.abs(efforts).max()
+    closed = first.expand_positions(seed)
     for name in ("u0", "v5", "leg2"):
         np.testing.assert_allclose(
-            closed[:, other.all_joint_names.index(name)], q[:, ROBOT.joint_numbers[name]], atol=1e-10
+            closed[:, first.all_joint_names.index(name)], q[:, ROBOT.joint_numbers[name]], atol=1e-10
         )
 
 
 def _angles(R, C):
-    """a, b, c with Rz(a) C Rz(b) C Rz(c) = R."""
+    """Return a, b, c with Rz(a) C Rz(b) C Rz(c) = R."""
     # Rz(a) Rx(b) Ry(c) C C = R, as C Rz C' = Rx and C Rx C' = Ry
     return Rotation.from_matrix(R @ C @ C.T @ np.linalg.inv(C @ C)).as_euler("ZXY")
 
 
-def test_both_models_are_those_of_multipliers_and_of_pinocchio():
+def test_both_models_agree_with_multipliers_and_pinocchio():
     maximal, pinocchio = MaximalCoordinates(ROBOT), PinocchioLoops(ROBOT)
     q, qd, qdd = DYNAMICS.platform.joint_motion(POSES, TWISTS, ACCELERATIONS)
     efforts = DYNAMICS.platform.inverse(POSES, TWISTS, ACCELERATIONS)
-    told = np.full(q.shape, np.nan)
-    told[:, MOTORS] = qdd[:, MOTORS]
+    prescribed = np.full(q.shape, np.nan)
+    prescribed[:, MOTORS] = qdd[:, MOTORS]
     for k in range(100):
-        expected = maximal.inverse(q[k], qd[k], told[k])
+        expected = maximal.inverse(q[k], qd[k], prescribed[k])
         assert np.abs(expected.efforts[MOTORS] - efforts[k]).max() < 1e-8 * np.abs(efforts[k]).max()
         assert np.abs(expected.accelerations - qdd[k]).max() < 1e-8 * np.abs(qdd[k]).max()
     for k in range(20):
-        found = pinocchio.inverse(q[k], qd[k], told[k]).efforts[MOTORS]
-        assert np.abs(found - efforts[k]).max() < 1e-6 * np.abs(efforts[k]).max()
+        actual = pinocchio.inverse(q[k], qd[k], prescribed[k]).efforts[MOTORS]
+        assert np.abs(actual - efforts[k]).max() < 1e-6 * np.abs(efforts[k]).max()
 
 
 def test_jacobian_maps_motor_rates_to_the_twist_and_efforts_to_the_wrench():
@@ -125,26 +125,26 @@ def test_jacobian_maps_motor_rates_to_the_twist_and_efforts_to_the_wrench():
     np.testing.assert_allclose(loaded - held, -np.swapaxes(J[:50], 1, 2) @ wrench, atol=1e-9)
 
 
-def test_coordinates_are_those_of_the_pose_and_their_rates_of_its_twist():
+def test_coordinates_and_rates_agree_with_pose_and_twist():
     x = coordinates_from_pose(POSES)
     h, rates = 1e-6, RNG.uniform(-1, 1, (1000, 6))
 
     def pose_at(x):
-        found = np.tile(np.eye(4), (len(x), 1, 1))
-        found[:, :3, :3] = Rotation.from_euler("ZYX", x[:, 3:]).as_matrix()
-        found[:, :3, 3] = x[:, :3]
-        return found
+        actual = np.tile(np.eye(4), (len(x), 1, 1))
+        actual[:, :3, :3] = Rotation.from_euler("ZYX", x[:, 3:]).as_matrix()
+        actual[:, :3, 3] = x[:, :3]
+        return actual
 
     np.testing.assert_allclose(pose_at(x), POSES, atol=1e-12)
     step = np.linalg.inv(pose_at(x - h * rates)) @ pose_at(x + h * rates)
-    turned = Rotation.from_matrix(step[:, :3, :3]).as_rotvec() / (2 * h)
+    rotation_rates = Rotation.from_matrix(step[:, :3, :3]).as_rotvec() / (2 * h)
     twist = (twist_matrix(x) @ rates[..., None])[..., 0]
-    np.testing.assert_allclose(turned, twist[:, 3:], atol=1e-8)
+    np.testing.assert_allclose(rotation_rates, twist[:, 3:], atol=1e-8)
     later, sooner = ((twist_matrix(x + t * rates) @ rates[..., None])[..., 0] for t in (h, -h))
     np.testing.assert_allclose((later - sooner)[:, 3:] / (2 * h), twist_drift(x, rates)[:, 3:], atol=1e-7)
 
 
-def test_a_leg_that_cannot_reach_and_a_singular_pose_are_told():
+def test_invalid_and_singular_poses_are_refused():
     far = np.eye(4)
     far[2, 3] = 0.8
     half = far.copy()

@@ -1,5 +1,5 @@
-"""Platforms at every attitude, through pitch ±90° of their coordinates: the same robot, of which the pose is told in
-frames in which pitch is far from there, has the same motors, efforts and accelerations."""
+"""Platforms at every attitude, through pitch ±90° of their coordinates: the same robot with frames in
+which pitch is far from ±90° has the same motor positions, efforts and accelerations."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from robot_dynamics.newton_euler.regressor import parameter_names
 from robot_dynamics.parallel.platform_dynamics import pose_from_coordinates
 
 ALL = ("x", "y", "z", "yaw", "pitch", "roll")
-SIZES = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.05, 1.0)  # of how far from home, where pitch is 90°
+SIZES = (0.0, 1e-12, 1e-9, 1e-6, 1e-3, 0.05, 1.0)  # distances from home, where pitch is ±90°
 
 
 def turn(axis, degrees):
@@ -25,7 +25,7 @@ def turn(axis, degrees):
 
 
 NOTHING = np.eye(4)
-# robot, the frame in which the pose is told, the platform's own frame, and free coordinates there
+# robot, base frame of the pose, frame of the platform, and free coordinates in these frames
 CASES = {
     "6-UPS up": (lambda: random_platform("6-UPS", 0), NOTHING, turn("y", 90), ALL),
     "6-UPS down": (lambda: random_platform("6-UPS", 1), NOTHING, turn("y", -90) @ turn("x", 40), ALL),
@@ -44,8 +44,8 @@ CASES = {
 
 
 class Pair:
-    """old, new: Dynamics of the robot as it is and with the new frames; q: (N, n) positions of the motors around home,
-    where pitch of the new one is ±90°, ever nearer; old_q, new_q: (N, all joints)."""
+    """old, new: Dynamics of the robot with its own and with new frames; q: (N, n) motor positions around home, where
+    pitch in the new frames is ±90°, at decreasing distances; old_q, new_q: (N, all joints)."""
 
     def __init__(self, case, count=2):
         make, self.stand, self.own, self.free = CASES[case]
@@ -61,10 +61,10 @@ class Pair:
         self.old_q, self.new_q = self.old.expand_positions(self.q), self.new.expand_positions(self.q)
         self.qd, self.qdd = rng.uniform(-1, 1, (2, *self.q.shape))
 
-    def legs(self, everyone, of):
-        """The columns of all joints but those of the platform, in the order of the old robot."""
+    def legs(self, values, dynamics):
+        """Return the columns of all joints but those of the platform, in the order of the old robot."""
         names = [name for k, name in enumerate(self.old.all_joint_names) if k not in self.old.robot.platform.joints]
-        return everyone[..., [of.robot.joint_numbers[name] for name in names]]
+        return values[..., [dynamics.robot.joint_numbers[name] for name in names]]
 
 
 @pytest.fixture(scope="module", params=CASES)
@@ -72,12 +72,12 @@ def pair(request):
     return Pair(request.param)
 
 
-def near(found, expected, tolerance=1e-9):
+def near(actual, expected, tolerance=1e-9):
     scale = max(1.0, np.abs(expected).max())
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
 
 
-def test_direct_geometry(pair):
+def test_direct_geometry_at_every_attitude(pair):
     assert np.abs(np.abs(np.sin(pair.new.initial_joint_positions[pair.new.robot.platform.joints[4]])) - 1) < 1e-9
     near(pair.legs(pair.new_q, pair.new), pair.legs(pair.old_q, pair.old))
     old = pair.old.link_pose(pair.old.robot.platform_links[0], pair.old_q)
@@ -87,23 +87,23 @@ def test_direct_geometry(pair):
     near(pair.new.expand_positions(pair.new_q), pair.new_q)  # as a seed
 
 
-def test_follow_passes(pair):
+def test_trajectory_passes_steep_attitudes(pair):
     home = pair.old.initial_joint_positions[pair.n]
     for q in pair.q[-2:]:
-        way = home + np.linspace(-1, 1, 13)[:, None] * (q - home)
-        old, new = pair.old.expand_trajectory(way), pair.new.expand_trajectory(way)
+        path = home + np.linspace(-1, 1, 13)[:, None] * (q - home)
+        old, new = pair.old.expand_trajectory(path), pair.new.expand_trajectory(path)
         near(pair.legs(new, pair.new), pair.legs(old, pair.old))
 
 
-def test_both_models(pair):
+def test_both_models_at_every_attitude(pair):
     old = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
     new = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
     near(new.efforts, old)
     near(
         pair.legs(new.motion.velocities, pair.new), pair.legs(pair.old.expand_velocities(pair.qd, pair.old_q), pair.old)
     )
-    everyone = pair.old.expand_accelerations(pair.qdd, pair.old_q, pair.qd)
-    near(pair.legs(new.motion.accelerations, pair.new), pair.legs(everyone, pair.old))
+    accelerations = pair.old.expand_accelerations(pair.qdd, pair.old_q, pair.qd)
+    near(pair.legs(new.motion.accelerations, pair.new), pair.legs(accelerations, pair.old))
     near(pair.new.direct(pair.new_q, pair.qd, old), pair.qdd, 1e-7)
     near(pair.new.inertia_matrix(pair.new_q), pair.old.inertia_matrix(pair.old_q))
     near(pair.new.gravity(pair.new_q), pair.old.gravity(pair.old_q))
@@ -115,7 +115,7 @@ def test_both_models(pair):
 
 
 @pytest.mark.parametrize("pair", ["6-UPS up", "delta", "3-RPS"], indirect=True)
-def test_compiled_models(pair):
+def test_compiled_models_at_every_attitude(pair):
     programs = {name: pair.new.compile(name) for name in ("inverse", "direct")}
     efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
     near(programs["inverse"].batch(pair.new_q, pair.qd, pair.qdd), efforts)
@@ -123,14 +123,14 @@ def test_compiled_models(pair):
 
 
 def virtual_columns(robot):
-    """Numbers of the columns of links between the turning joints of the platform, and of these joints."""
+    """Return the columns of links between the rotational coordinates of the platform, and of these joints."""
     turning = robot.platform.joints[3:]
     names = {robot.joints[k].name for k in turning} | {robot.links[k + 1].name for k in turning[:2]}
     return [k for k, name in enumerate(parameter_names(robot)) if name.partition(".")[2] in names]
 
 
 def check_regressor(pair, Y):
-    """Efforts are those of `inverse`, as all bodies, rotors and frictions are but the springs of joints."""
+    """Check that the regressor gives the efforts of `inverse` without springs."""
     efforts = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
     springs = pair.old.elasticity(pair.old_q, pair.qd)
     near(Y @ pair.new.parameters, efforts - springs)
@@ -138,12 +138,12 @@ def check_regressor(pair, Y):
     assert not pair.new.parameters[virtual_columns(pair.new.robot)].any()
 
 
-def test_regressor(pair):
+def test_regressor_at_every_attitude(pair):
     check_regressor(pair, pair.new.regressor(pair.new_q, pair.qd, pair.qdd))
 
 
-def test_columns_of_legs_are_the_same(pair):
-    """Column by column: those of legs and their joints depend on no frames of the platform."""
+def test_regressor_columns_of_legs_do_not_depend_on_platform_frames(pair):
+    """Columns of legs and their joints do not depend on the frames of the platform."""
     old = pair.old.regressor(pair.old_q, pair.qd, pair.qdd)
     new = pair.new.regressor(pair.new_q, pair.qd, pair.qdd)
     platform = {pair.old.robot.joints[k].name for k in pair.old.robot.platform.joints}
@@ -154,21 +154,20 @@ def test_columns_of_legs_are_the_same(pair):
 
 
 @pytest.mark.parametrize("pair", ["gough_stewart", "3-RPS"], indirect=True)
-def test_compiled_regressor(pair):
+def test_compiled_regressor_at_every_attitude(pair):
     program = pair.new.compile("regressor")
     Y = program.batch(pair.new_q, pair.qd, pair.qdd)
     check_regressor(pair, Y)
     expected = pair.new.regressor(pair.new_q, pair.qd, pair.qdd)
     kept = np.setdiff1d(np.arange(Y.shape[-1]), virtual_columns(pair.new.robot))
     near(Y[..., kept], expected[..., kept])
-    apart = np.abs(np.cos(pair.new_q[:, pair.new.robot.platform.joints[4]])) > 1e-3  # from where other columns end
-    assert apart.any()
-    near(Y[apart], expected[apart])
+    regular = np.abs(np.cos(pair.new_q[:, pair.new.robot.platform.joints[4]])) > 1e-3  # where the regularisation ends
+    assert regular.any()
+    near(Y[regular], expected[regular])
 
 
-def test_columns_of_links_between_the_angles():
-    """What bodies, rotors and frictions there would add, where the angles have rates: as in a robot that has them and
-    therefore no chart."""
+def test_regressor_columns_of_links_between_the_angles():
+    """Columns of bodies, rotors and friction at the angles agree with a robot that has them, and therefore no chart."""
     robot = load_robot("gough_stewart")
     dynamics, angles = Dynamics(robot, compiled=False), robot.platform.joints[3:]
     rng = np.random.default_rng(2)
@@ -190,43 +189,46 @@ def test_columns_of_links_between_the_angles():
     np.testing.assert_allclose(Y @ heavy.parameters, heavy.inverse(q, *rates), rtol=1e-9, atol=1e-9)
 
 
-def test_efforts_are_those_of_maximal_coordinates(pair):
+def test_efforts_agree_with_maximal_coordinates(pair):
     peer = MaximalCoordinates(pair.old.robot)
     for k in range(0, len(pair.q), 2):
-        told = np.full(len(pair.old_q[k]), np.nan)
-        told[pair.n] = pair.qdd[k]
-        expected = peer.inverse(pair.old_q[k], pair.old.expand_velocities(pair.qd[k], pair.old_q[k]), told)
-        answer = pair.new.solve(pair.new_q[k], pair.qd[k], qdd=pair.qdd[k])
-        near(answer.efforts, expected.efforts[pair.n], 1e-8)
+        prescribed = np.full(len(pair.old_q[k]), np.nan)
+        prescribed[pair.n] = pair.qdd[k]
+        expected = peer.inverse(pair.old_q[k], pair.old.expand_velocities(pair.qd[k], pair.old_q[k]), prescribed)
+        result = pair.new.solve(pair.new_q[k], pair.qd[k], qdd=pair.qdd[k])
+        near(result.efforts, expected.efforts[pair.n], 1e-8)
 
 
 def platform_of(pair):
     if pair.free is None:
-        pytest.skip("no three of these coordinates say where the legs are")
+        pytest.skip("no three of these coordinates determine the legs")
     return pair.old.platform, pair.new.platform
 
 
-def test_platform(pair):
+def test_platform_methods_at_every_attitude(pair):
     """Inverse geometry, Jacobian, both models, and the twist and acceleration of a motion."""
     old, new = platform_of(pair)
     poses = pair.old.platform.pose(pair.old_q)
-    told = pose_between(poses, pair.stand, pair.own)
-    near(new.pose(pair.new_q), told)
+    poses_in_frames = pose_between(poses, pair.stand, pair.own)
+    near(new.pose(pair.new_q), poses_in_frames)
     near(new.jacobian(pair.new_q), np.swapaxes(screw_of(np.swapaxes(old.jacobian(pair.old_q), 1, 2), pair.own), 1, 2))
-    at = {"other_joints": None}
+    options = {"other_joints": None}
     if new.other_joint_names:
-        at["other_joints"] = [values[:, [pair.new.joint_names.index(name) for name in new.other_joint_names]]
+        options["other_joints"] = [values[:, [pair.new.joint_names.index(name) for name in new.other_joint_names]]
                         for values in (pair.q, pair.qd, pair.qdd)]  # fmt: skip
-    for joints in (new.joint_positions(told, seed=pair.new_q), new.joint_positions(told, **at)):
+    for joints in (
+        new.joint_positions(poses_in_frames, seed=pair.new_q),
+        new.joint_positions(poses_in_frames, **options),
+    ):
         near(pair.legs(joints, pair.new), pair.legs(pair.old_q, pair.old))
-        near(pose_from_coordinates(joints[:, pair.new.robot.platform.joints]), told)
+        near(pose_from_coordinates(joints[:, pair.new.robot.platform.joints]), poses_in_frames)
     motion = pair.old.solve(pair.old_q, pair.qd, qdd=pair.qdd).motion
     twist, acceleration = screw_of(old.twist(motion), pair.own), screw_of(old.acceleration(motion), pair.own)
-    answer = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
-    near(new.twist(answer.motion), twist)
-    near(new.acceleration(answer.motion), acceleration)
-    efforts = new.inverse(told, twist, acceleration, seed=pair.new_q, **at)
-    near(efforts, answer.efforts)
-    near(new.direct(told, twist, efforts, seed=pair.new_q, **at), acceleration, 1e-7)
-    assert new.reach(told)[1].all()
+    result = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
+    near(new.twist(result.motion), twist)
+    near(new.acceleration(result.motion), acceleration)
+    efforts = new.inverse(poses_in_frames, twist, acceleration, seed=pair.new_q, **options)
+    near(efforts, result.efforts)
+    near(new.direct(poses_in_frames, twist, efforts, seed=pair.new_q, **options), acceleration, 1e-7)
+    assert new.reach(poses_in_frames)[1].all()
     assert np.isfinite(new.condition_number(pair.new_q)).all()

@@ -1,6 +1,6 @@
 """Every parallel robot that ships, in coordinates of its platform: 1000 random motions in its workspace, by the second
 solution (platform and legs apart, projected) and the first (platform on a leg, loops closed), by multipliers on maximal
-coordinates and Pinocchio; there and back; virtual work; and what is said near singular poses and out of reach."""
+coordinates and Pinocchio; inverse and back; virtual work; errors near singular poses and out of reach."""
 
 import os
 from dataclasses import replace
@@ -22,7 +22,7 @@ COUNT = 1000
 COMPARED = int(
     os.environ.get("COMPARED", 0)
 )  # of them with multipliers and Pinocchio, where not a few; `make soak`: all
-# of several platforms in series parallel.test_hybrid_robots says the same
+# parallel.test_hybrid_robots has robots with several platforms
 PARALLEL = [name for name in shipped_robots() if len(load_robot(name).platforms) == 1]
 
 
@@ -33,7 +33,7 @@ def dynamics_of(name):
 
 @cache
 def motions(name):
-    """(pose, twist, acceleration, others) of COUNT random motions, (q, qd, qdd) of all joints, and the efforts."""
+    """Return platform arguments, (q, qd, qdd) of all joints and efforts of COUNT random motions."""
     dynamics = dynamics_of(name)
     states = random_states(dynamics, COUNT, np.random.default_rng(7), reach=1.0)
     pose, twist, acceleration = (next(iter(part.values())) for part in states[:3])
@@ -47,54 +47,59 @@ def independent(dynamics):
 
 
 def legs_of(robot):
-    """Numbers of the loops that legs meet the platform in."""
+    """Return the numbers of the loops that close legs on the platform."""
     return [number for number, loop in enumerate(robot.loops) if loop.closed_on.link == robot.platform.link]
 
 
-def test_one_of_each_kind_ships():
+def test_shipped_robots_include_each_kind():
     assert {"gough_stewart", "delta", "orthoglide", "navaro", "delta_wrist"} <= set(PARALLEL)
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_second_solution_is_the_first(name):
-    dynamics, (told, (q, qd, qdd), efforts) = dynamics_of(name), motions(name)
+def test_second_solution_agrees_with_the_first(name):
+    dynamics, (arguments, (q, qd, qdd), efforts) = dynamics_of(name), motions(name)
     leg = legs_of(dynamics.robot)[-1]
     first = Dynamics(attached(dynamics.robot, leg), compiled=False)
     n = [dynamics.robot.joint_numbers[joint] for joint in first.joint_names]
-    found = first.inverse(seed_of_attached(dynamics, first, q, leg), qd[:, n], qdd[:, n])
-    places = [dynamics.joint_names.index(joint) for joint in first.joint_names]
-    assert sorted(places) == list(range(len(dynamics.joint_names)))
-    assert np.abs(found - efforts[:, places]).max() < 1e-10 * np.abs(efforts).max()
-    asked = dynamics.platform.inverse(*told[:3], seed=q, other_joints=told[3])
-    assert np.abs(asked - efforts).max() < 1e-10 * np.abs(efforts).max()
+    actual = first.inverse(seed_of_attached(dynamics, first, q, leg), qd[:, n], qdd[:, n])
+    columns = [dynamics.joint_names.index(joint) for joint in first.joint_names]
+    assert sorted(columns) == list(range(len(dynamics.joint_names)))
+    assert np.abs(actual - efforts[:, columns]).max() < 1e-10 * np.abs(efforts).max()
+    by_platform = dynamics.platform.inverse(*arguments[:3], seed=q, other_joints=arguments[3])
+    assert np.abs(by_platform - efforts).max() < 1e-10 * np.abs(efforts).max()
 
 
 @pytest.mark.parametrize("name", PARALLEL)
 @pytest.mark.parametrize("count", [1, 6, 7])  # six samples look like the six columns of a matrix
-def test_motion_left_out_is_zero_at_each_pose_of_a_batch(name, count):
-    """Also where one twist and acceleration go with many poses."""
-    dynamics, (told, (q, _, _), _) = dynamics_of(name), motions(name)
-    platform, poses, seed, other_joints = dynamics.platform, told[0][:count], q[:count], told[3]
+def test_omitted_motion_is_zero_at_each_pose_of_a_batch(name, count):
+    """Also a single twist and acceleration broadcast to many poses."""
+    dynamics, (arguments, (q, _, _), _) = dynamics_of(name), motions(name)
+    platform, poses, seed, other_joints = dynamics.platform, arguments[0][:count], q[:count], arguments[3]
+    acceleration = arguments[2][0]
     other_joints = None if other_joints is None else (other_joints[0][:count],)
     rest = np.zeros((count, 6))
     expected = platform.inverse(poses, rest, rest, seed=seed, other_joints=other_joints)
     np.testing.assert_array_equal(platform.inverse(poses, seed=seed, other_joints=other_joints), expected)
-    twist = told[1][0]
+    twist = arguments[1][0]
     np.testing.assert_array_equal(
-        platform.inverse(poses, twist, told[2][0], seed=seed, other_joints=other_joints),
+        platform.inverse(poses, twist, acceleration, seed=seed, other_joints=other_joints),
         platform.inverse(
-            poses, np.tile(twist, (count, 1)), np.tile(told[2][0], (count, 1)), seed=seed, other_joints=other_joints
+            poses,
+            np.tile(twist, (count, 1)),
+            np.tile(acceleration, (count, 1)),
+            seed=seed,
+            other_joints=other_joints,
         ),
     )
-    found = platform.direct(poses, None, expected, seed=seed, other_joints=other_joints)
-    assert np.abs(found).max() < 1e-8 * max(
+    actual = platform.direct(poses, None, expected, seed=seed, other_joints=other_joints)
+    assert np.abs(actual).max() < 1e-8 * max(
         1, np.abs(platform.direct(poses, None, 0 * expected, seed=seed, other_joints=other_joints)).max()
     )
 
 
-def test_a_pose_may_be_read_only():
-    platform, (told, _, _) = dynamics_of("gough_stewart").platform, motions("gough_stewart")
-    for pose in (told[0][0], told[0][:3]):
+def test_pose_may_be_read_only():
+    platform, (arguments, _, _) = dynamics_of("gough_stewart").platform, motions("gough_stewart")
+    for pose in (arguments[0][0], arguments[0][:3]):
         pose = pose.copy()
         expected = platform.inverse(pose)
         pose.flags.writeable = False
@@ -102,13 +107,13 @@ def test_a_pose_may_be_read_only():
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_both_models_are_those_of_multipliers(name):
+def test_both_models_agree_with_multipliers(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
     check_both_models(dynamics, MaximalCoordinates(dynamics.robot), motion, efforts, COMPARED or 20, 1e-8)
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_both_models_are_those_of_pinocchio(name):
+def test_both_models_agree_with_pinocchio(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
     if not dynamics.robot.links[dynamics.robot.platform.link].inertia.mass:  # Pinocchio takes no end without mass
         dynamics = Dynamics(with_heavy_platform(dynamics.robot), compiled=False)
@@ -125,35 +130,35 @@ def with_heavy_platform(robot):
 
 
 def check_both_models(dynamics, peer, motion, efforts, count, tolerance):
-    """Inverse and direct of the first `count` motions are those of a peer, to a part of the largest."""
+    """Check inverse and direct model of the first `count` motions against a peer, relative to the largest entry."""
     n, (q, qd, qdd) = independent(dynamics), (values[:count] for values in motion)
-    given = np.full(q.shape, np.nan)
-    given[:, n] = qdd[:, n]
+    prescribed = np.full(q.shape, np.nan)
+    prescribed[:, n] = qdd[:, n]
     accelerations = dynamics.direct(q, qd[:, n], efforts[:count])
     for k in range(count):
-        expected = peer.inverse(q[k], qd[k], given[k])
+        expected = peer.inverse(q[k], qd[k], prescribed[k])
         assert np.abs(expected.efforts[n] - efforts[k]).max() < tolerance * np.abs(efforts[k]).max()
         assert np.abs(expected.accelerations - qdd[k]).max() < tolerance * np.abs(qdd[k]).max()
-        pushed = peer.direct(q[k], qd[k], dynamics.embed_efforts(efforts[k])).accelerations
-        assert np.abs(pushed[n] - accelerations[k]).max() < tolerance * np.abs(pushed).max()
+        actual = peer.direct(q[k], qd[k], dynamics.embed_efforts(efforts[k])).accelerations
+        assert np.abs(actual[n] - accelerations[k]).max() < tolerance * np.abs(actual).max()
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_inverse_then_direct_gives_the_acceleration_of_the_platform_back(name):
+def test_direct_model_inverts_the_inverse_model(name):
     dynamics, ((pose, twist, acceleration, other_joints), (q, *_), efforts) = dynamics_of(name), motions(name)
     assert dynamics.platform.condition_number(q).max() < 1e4
-    found = dynamics.platform.direct(pose, twist, efforts, seed=q, other_joints=other_joints)
-    assert np.abs(found - acceleration).max() < 1e-9
+    actual = dynamics.platform.direct(pose, twist, efforts, seed=q, other_joints=other_joints)
+    assert np.abs(actual - acceleration).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_direct_geometry_finds_the_pose_it_came_from(name):
+def test_direct_geometry_inverts_inverse_geometry(name):
     dynamics, ((pose, *_), (q, *_), _) = dynamics_of(name), motions(name)
     np.testing.assert_allclose(dynamics.platform.pose(q[:, independent(dynamics)]), pose, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_a_wrench_on_the_platform_does_the_work_that_the_motors_do(name):
+def test_virtual_work_of_a_wrench_on_the_platform_is_that_of_the_motors(name):
     """Virtual work: a wrench w on the platform changes the efforts by δΓ with δΓᵀ q̇ = -wᵀ V for every motion."""
     dynamics, ((_, twist, *_), (q, qd, qdd), efforts) = dynamics_of(name), motions(name)
     n, wrench = independent(dynamics), np.array([3.0, -2, 5, 0.5, 1, -0.7])
@@ -190,40 +195,44 @@ SINGULAR = {
 
 
 @pytest.mark.parametrize("name", SINGULAR)
-def test_near_a_singular_pose_the_answer_is_an_error_with_the_condition_number(name):
-    dynamics, (along, singular) = dynamics_of(name), SINGULAR[name]()
+def test_singular_pose_is_refused_with_its_condition_number(name):
+    dynamics, (direction, singular) = dynamics_of(name), SINGULAR[name]()
     platform, still = dynamics.platform, np.zeros(6)
     conditions = [
-        platform.condition_number(platform.joint_positions(pose_from_coordinates(singular - step * along)))
+        platform.condition_number(platform.joint_positions(pose_from_coordinates(singular - step * direction)))
         for step in (1e-2, 1e-3)
     ]
-    assert conditions[1] / conditions[0] == pytest.approx(10, rel=0.03)  # it is singular where closed forms have it
+    assert conditions[1] / conditions[0] == pytest.approx(10, rel=0.03)  # the closed form of the singular pose holds
     for step in (0.0, 1e-10, 1e-8):
         with pytest.raises(SingularModelError, match=r"is singular: .*\(condition number \d\.?\d*e\+\d+\)"):
-            platform.direct(pose_from_coordinates(singular - step * along), still, np.zeros(len(dynamics.joint_names)))
+            platform.direct(
+                pose_from_coordinates(singular - step * direction), still, np.zeros(len(dynamics.joint_names))
+            )
 
 
-def test_a_leg_that_cannot_reach_is_named_with_what_it_lacks():
-    """The Delta: one leg is stretched out and too short, the others reach."""
-    dynamics, lacks, x = dynamics_of("delta"), [], np.array([0.3, 0.6, -1.2, 0, 0, 0])
+def test_leg_out_of_reach_is_named_with_its_gap():
+    """The Delta: one leg is too short when stretched out, the others reach."""
+    dynamics, gaps, x = dynamics_of("delta"), [], np.array([0.3, 0.6, -1.2, 0, 0, 0])
     for angle in np.radians([0, 120, 240]):
         out, aside = np.array([np.cos(angle), np.sin(angle), 0]), np.array([-np.sin(angle), np.cos(angle), 0])
-        way = x[:3] - (0.33 - 0.125) * out
-        lacks.append(np.hypot(np.hypot(way @ out, way[2]) - 0.42, way @ aside) - 1.055)
-    assert lacks[2] > 0.005 and max(lacks[:2]) < 0
-    with pytest.raises(SingularModelError, match=r"loop '(left|right)_ball_3' does not close: .* out of reach") as told:
+        vector = x[:3] - (0.33 - 0.125) * out
+        gaps.append(np.hypot(np.hypot(vector @ out, vector[2]) - 0.42, vector @ aside) - 1.055)
+    assert gaps[2] > 0.005 and max(gaps[:2]) < 0
+    with pytest.raises(
+        SingularModelError, match=r"loop '(left|right)_ball_3' does not close: .* out of reach"
+    ) as refusal:
         dynamics.platform.joint_positions(pose_from_coordinates(x))
-    assert float(str(told.value).split("stay ")[1].split(" m")[0]) == pytest.approx(lacks[2], rel=0.05)
+    assert float(str(refusal.value).split("stay ")[1].split(" m")[0]) == pytest.approx(gaps[2], rel=0.05)
 
 
 def described(name, wrong, right):
-    """The description of a robot that ships, changed."""
+    """Return a changed description of a shipped robot."""
     text = shipped_robots()[name].read_text(encoding="utf-8")
     assert wrong in text
     return text.replace(wrong, right)
 
 
-def test_a_platform_without_inertia_is_refused_where_it_is_told():
+def test_platform_without_inertia_is_refused_with_its_line():
     text = described("delta", "  mass: 2.916 + 3*0.226\n  central_inertia: {xx: 0.015, yy: 0.015, zz: 0.03}\n", "")
     with pytest.raises(
         DescriptionError, match=r"line \d+, column \d+: platform 'platform' has no inertia: mass missing"
@@ -236,7 +245,7 @@ def test_motors_that_do_not_control_the_platform_are_refused_with_their_rank():
     text = described("delta", "        mdh: {alpha: -pi/2}\n", passive).replace(
         "      - joint: left_swing\n        link: left_bar\n        role: passive\n",
         "      - joint: left_swing\n        link: left_bar\n",
-    )  # the bars' sideways swing is driven, and not the arms
+    )  # the lateral motion of the bars is actuated instead of the arms
     with pytest.raises(DescriptionError, match=r"mobility 3 and 3 motors: .*\(they control \d of 3 motions: the rank"):
         Dynamics(load_robot(text))
     for robot, free in (("gough_stewart", "pitch"), ("navaro", "x")):
@@ -250,14 +259,14 @@ def test_motors_that_do_not_control_the_platform_are_refused_with_their_rank():
 
 
 @pytest.mark.parametrize(
-    ("free", "told"),
+    ("free", "message"),
     [
-        ("[x, y, z, yaw]", r"mobility 3\), and x, y, z, yaw do not tell them: write free: \[x, y, z\]"),
-        ("[x, y]", r"mobility 3\), and x, y do not tell them: write free: \[x, y, z\]"),
-        ("[x, y, yaw]", r"mobility 3\), and x, y, yaw do not tell them: write free: \[x, y, z\]"),
+        ("[x, y, z, yaw]", r"mobility 3\), which x, y, z, yaw do not determine: write free: \[x, y, z\]"),
+        ("[x, y]", r"mobility 3\), which x, y do not determine: write free: \[x, y, z\]"),
+        ("[x, y, yaw]", r"mobility 3\), which x, y, yaw do not determine: write free: \[x, y, z\]"),
     ],
 )
-def test_free_coordinates_that_are_not_those_of_the_legs_are_refused_with_those_that_are(free, told):
+def test_wrong_free_coordinates_are_refused_with_the_right_ones(free, message):
     dynamics = Dynamics(load_robot(described("delta", "free: [x, y, z]", f"free: {free}")), compiled=False)
-    with pytest.raises(DescriptionError, match=told):
+    with pytest.raises(DescriptionError, match=message):
         _ = dynamics.platform

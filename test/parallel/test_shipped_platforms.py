@@ -1,5 +1,5 @@
-"""Parallel robots that ship: wherever their platform may be the legs close, the platform is where its coordinates say,
-and both models are those of multipliers on maximal coordinates."""
+"""Shipped parallel robots: legs close in the whole workspace, pose and coordinates agree, and both models agree with
+multipliers on maximal coordinates."""
 
 import re
 from pathlib import Path
@@ -18,16 +18,15 @@ PARALLEL = [name for name in shipped_robots() if load_robot(name).platforms]
 
 
 def in_ranges(dynamics, samples, seed=0):
-    """Positions (samples, all joints) with the platform anywhere in its limits, and joints outside of the legs in
-    theirs."""
+    """Return positions (samples, all joints) with platform and other joints at random within their limits."""
     rng = np.random.default_rng(seed)
     _, limits = free_coordinates(dynamics.robot)
     q = closed_at_poses(dynamics, rng.uniform(*limits, (samples, limits.shape[1])))
     anywhere = rng.uniform(*limits_of(dynamics), (samples, len(dynamics.joint_names)))
-    for place, name in enumerate(dynamics.joint_names):
+    for column, name in enumerate(dynamics.joint_names):
         number = dynamics.robot.joint_numbers[name]
         if number not in dynamics.robot.joints_in_loops:
-            q[:, number] = anywhere[:, place]
+            q[:, number] = anywhere[:, column]
     return q
 
 
@@ -56,7 +55,7 @@ def test_legs_close_far_from_singular_wherever_the_platform_may_be(name):
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_platform_is_where_its_coordinates_say(name):
+def test_platform_pose_agrees_with_its_coordinates(name):
     dynamics = Dynamics(load_robot(name))
     robot = dynamics.robot
     numbers, _ = free_coordinates(robot)
@@ -64,18 +63,18 @@ def test_platform_is_where_its_coordinates_say(name):
     for platform in robot.platforms:
         held = [number for number in platform.joints if number not in numbers]
         np.testing.assert_allclose(q[:, held], np.tile(q[:1, held], (50, 1)), rtol=0, atol=1e-12)
-        stands = np.eye(4) if platform.base is None else dynamics.link_pose(platform.base, q)
+        stand = np.eye(4) if platform.base is None else dynamics.link_pose(platform.base, q)
         poses = dynamics.link_pose(robot.links[platform.link].name, q)
         expected = [placement(rotation_from_roll_pitch_yaw(roll, pitch, yaw), [x, y, z])
                     for x, y, z, yaw, pitch, roll in q[:, platform.joints]]  # fmt: skip
-        np.testing.assert_allclose(poses, stands @ expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(poses, stand @ expected, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_motors_are_as_many_as_the_mobility_and_move_all_that_is_free(name):
+def test_number_of_motors_is_the_mobility(name):
     dynamics = Dynamics(load_robot(name))
     robot, legs = dynamics.robot, [n for n in independent(dynamics) if n in dynamics.robot.joints_in_loops]
-    assert not dynamics.unactuated_joint_names and len(legs) == sum(len(one.free) for one in robot.platforms)
+    assert not dynamics.unactuated_joint_names and len(legs) == sum(len(platform.free) for platform in robot.platforms)
     numbers, _ = free_coordinates(robot)
     for q in in_ranges(dynamics, 5, seed=1):
         assert mobility(robot, q) == len(dynamics.joint_names)
@@ -87,21 +86,21 @@ def test_motors_are_as_many_as_the_mobility_and_move_all_that_is_free(name):
 
 
 @pytest.mark.parametrize("name", PARALLEL)
-def test_both_models_are_those_of_multipliers_on_maximal_coordinates(name):
+def test_both_models_agree_with_multipliers_on_maximal_coordinates(name):
     robot = load_robot(name)
     dynamics, peer = Dynamics(robot, compiled=False), MaximalCoordinates(robot)
-    driven, rng = independent(dynamics), np.random.default_rng(2)
+    actuated, rng = independent(dynamics), np.random.default_rng(2)
     for q in in_ranges(dynamics, 5, seed=2):
-        qd, qdd = rng.uniform(-1, 1, (2, len(driven)))
-        told = np.full(len(q), np.nan)
-        told[driven] = qdd
-        found = peer.inverse(q, dynamics.expand_velocities(qd, q), told)
-        answer = dynamics.solve(q, qd, qdd=qdd)
-        scale = np.abs(found.efforts).max()
-        np.testing.assert_allclose(answer.efforts, found.efforts[driven], rtol=0, atol=1e-8 * scale)
-        scale = max(1, np.abs(found.accelerations).max())
-        np.testing.assert_allclose(answer.motion.accelerations, found.accelerations, rtol=0, atol=1e-8 * scale)
-        np.testing.assert_allclose(dynamics.direct(q, qd, answer.efforts), qdd, rtol=0, atol=1e-8 * scale)
+        qd, qdd = rng.uniform(-1, 1, (2, len(actuated)))
+        prescribed = np.full(len(q), np.nan)
+        prescribed[actuated] = qdd
+        expected = peer.inverse(q, dynamics.expand_velocities(qd, q), prescribed)
+        result = dynamics.solve(q, qd, qdd=qdd)
+        scale = np.abs(expected.efforts).max()
+        np.testing.assert_allclose(result.efforts, expected.efforts[actuated], rtol=0, atol=1e-8 * scale)
+        scale = max(1, np.abs(expected.accelerations).max())
+        np.testing.assert_allclose(result.motion.accelerations, expected.accelerations, rtol=0, atol=1e-8 * scale)
+        np.testing.assert_allclose(dynamics.direct(q, qd, result.efforts), qdd, rtol=0, atol=1e-8 * scale)
 
 
 def platform_coordinates(dynamics, q):
@@ -124,7 +123,7 @@ def test_parallel_robot_of_the_readme_closes():
     assert np.all(dynamics.gravity(q[independent(dynamics)]) > 5)  # each leg bears its part
 
 
-def test_legs_of_the_gough_stewart_platform_are_as_long_as_the_way_between_their_joints():
+def test_legs_of_the_gough_stewart_platform_have_the_distance_between_their_joints():
     dynamics = Dynamics(load_robot("gough_stewart"))
     q = in_ranges(dynamics, 100)
     around = np.radians(np.arange(3) * 120)
@@ -133,8 +132,8 @@ def test_legs_of_the_gough_stewart_platform_are_as_long_as_the_way_between_their
     poses = dynamics.link_pose("platform", q)
     for leg, (below, above) in enumerate(zip(base, plate, strict=True)):
         joint = [np.cos(above), np.sin(above), 0, 1]
-        way = (poses @ joint)[:, :3] - 3 * np.array([np.cos(below), np.sin(below), 0])
-        np.testing.assert_allclose(legs_of(dynamics, q, "leg")[:, leg], np.linalg.norm(way, axis=1), rtol=1e-13)
+        vector = (poses @ joint)[:, :3] - 3 * np.array([np.cos(below), np.sin(below), 0])
+        np.testing.assert_allclose(legs_of(dynamics, q, "leg")[:, leg], np.linalg.norm(vector, axis=1), rtol=1e-13)
     masses = {link.name: link.inertia.mass for link in dynamics.robot.links}
     steel, length = 76e3 / 9.81 * np.pi, 0.75 * dynamics.initial_joint_positions[dynamics.robot.joint_numbers["leg_1"]]
     assert [masses[name] for name in ("tube_3", "rod_3", "platform")] == pytest.approx(
@@ -143,34 +142,33 @@ def test_legs_of_the_gough_stewart_platform_are_as_long_as_the_way_between_their
 
 
 @pytest.mark.parametrize("name", ["delta", "delta_wrist"])
-def test_bars_of_the_delta_are_as_long_as_the_way_from_elbow_to_platform(name):
+def test_bars_of_the_delta_have_the_distance_from_elbow_to_platform(name):
     dynamics = Dynamics(load_robot(name))
     q = in_ranges(dynamics, 100)
-    x, y, z, *turned = platform_coordinates(dynamics, q).T
-    np.testing.assert_allclose(turned, 0, atol=1e-13)
+    x, y, z, *angles = platform_coordinates(dynamics, q).T
+    np.testing.assert_allclose(angles, 0, atol=1e-13)
     for arm, direction in zip(legs_of(dynamics, q, "arm").T, np.radians([0, 120, 240]), strict=True):
         ahead = x * np.cos(direction) + y * np.sin(direction) + 0.125 - 0.33 - 0.42 * np.cos(arm)
         aside = y * np.cos(direction) - x * np.sin(direction)
         np.testing.assert_allclose(np.sqrt(ahead**2 + aside**2 + (z + 0.42 * np.sin(arm)) ** 2), 1.055, rtol=1e-13)
 
 
-def test_orthoglide_is_as_its_source_has_it():
-    """Motors in closed form; and as it was designed to be, the platform at most twice as fast as the motors, and at
-    least half as fast, in the whole cube, at two corners of which the limit is met."""
+def test_orthoglide_agrees_with_its_source():
+    """Motor positions in closed form; velocity factors of the platform from 0.5 to 2 in the cube, 2 at two corners."""
     dynamics = Dynamics(load_robot("orthoglide"))
     q = in_ranges(dynamics, 100)
-    p, turned = np.split(platform_coordinates(dynamics, q), 2, axis=1)
-    np.testing.assert_allclose(turned, 0, atol=1e-13)
+    p, angles = np.split(platform_coordinates(dynamics, q), 2, axis=1)
+    np.testing.assert_allclose(angles, 0, atol=1e-13)
     across = np.sum(p**2, axis=1)[:, None] - p**2
     np.testing.assert_allclose(legs_of(dynamics, q, "motor"), p + np.sqrt(0.31025**2 - across), rtol=1e-13)
     corners = closed_at_poses(dynamics, np.array([[0.07321] * 3, [-0.12679] * 3]))
-    rates = [dynamics.expand_velocities(np.eye(3), np.tile(one, (3, 1)))[:, :3] for one in [*corners, *q]]
+    rates = [dynamics.expand_velocities(np.eye(3), np.tile(sample, (3, 1)))[:, :3] for sample in [*corners, *q]]
     factors = np.linalg.svd(rates, compute_uv=False)
     np.testing.assert_allclose(factors[:2].max(axis=1), 2, rtol=2e-3)
     assert np.all((0.49 < factors) & (factors < 2.01))
 
 
-def test_links_of_the_navaro_are_as_long_as_the_way_from_motor_to_platform():
+def test_links_of_the_navaro_have_the_distance_from_motor_to_platform():
     dynamics = Dynamics(load_robot("navaro"))
     q = in_ranges(dynamics, 100)
     x, y, z, yaw, pitch, roll = platform_coordinates(dynamics, q).T
@@ -184,7 +182,7 @@ def test_links_of_the_navaro_are_as_long_as_the_way_from_motor_to_platform():
     np.testing.assert_allclose(b + c, np.pi, atol=1e-12)
 
 
-def test_wrist_of_the_hybrid_turns_with_the_platform_still():
+def test_wrist_of_the_hybrid_moves_with_the_platform_at_rest():
     dynamics = Dynamics(load_robot("delta_wrist"))
     q = in_ranges(dynamics, 20)
     turn, tilt = (q[:, dynamics.robot.joint_numbers[name]] for name in ("turn", "tilt"))

@@ -30,9 +30,9 @@ def rayleigh_clamped_free(count, length, bending, line_mass, rotary):
         return (moment[0] * shear[1] - moment[1] * shear[0]) / (ch * bending) ** 2
 
     below = 2 * np.pi * clamped_free(count + 1, length, bending, line_mass)  # rotary inertia lowers each a little
-    found, scan = [], np.linspace(below[0] * 0.2, below[-1], 20000)
+    roots, scan = [], np.linspace(below[0] * 0.2, below[-1], 20000)
     values = [mismatch(omega) for omega in scan]
     for k in range(len(scan) - 1):
         if values[k] * values[k + 1] < 0:
-            found.append(brentq(mismatch, scan[k], scan[k + 1], xtol=1e-9))
-    return np.array(found[:count]) / (2 * np.pi)
+            roots.append(brentq(mismatch, scan[k], scan[k + 1], xtol=1e-9))
+    return np.array(roots[:count]) / (2 * np.pi)

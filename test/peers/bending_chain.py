@@ -1,7 +1,7 @@
-"""Kinetic and potential energy of a chain of joints and beams that bend, and Lagrange's equations from them by
+"""Kinetic and potential energy of a chain of joints and flexible beams, and Lagrange's equations from them by
 differences alone: no inertia matrix, no velocity terms, no derivative written by hand.
 
-Where every point of the chain is, 4x4 matrices tell; how it moves, their derivative by a complex step.
+4x4 matrices give the placement of each point of the chain; their derivative by a complex step gives its velocity.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def rotation(vector):
 
 
 def section(L, e, s):
-    """(4, 4) of the section at a share s of an element: linear along and about it, Hermite's cubics across."""
+    """(4, 4) of the section at a fraction s of an element: linear along and about it, Hermite's cubics across."""
 
     def across(end, slope, at):
         return end * (3 * at**2 - 2 * at**3) + L * slope * (at**3 - at**2)
@@ -35,8 +35,8 @@ def section(L, e, s):
         return end * (6 * at - 6 * at**2) / L + turn * (3 * at**2 - 2 * at)
 
     at = s * (1 + POINTS) / 2
-    nearer = s * L / 4 * WEIGHTS @ (slope(e[1], e[5], at) ** 2 + slope(e[2], -e[4], at) ** 2)
-    p = [s * L + s * e[0] - nearer, across(e[1], e[5], s), across(e[2], -e[4], s)]
+    shortening = s * L / 4 * WEIGHTS @ (slope(e[1], e[5], at) ** 2 + slope(e[2], -e[4], at) ** 2)
+    p = [s * L + s * e[0] - shortening, across(e[1], e[5], s), across(e[2], -e[4], s)]
     return matrix(rotation([s * e[3], -slope(e[2], -e[4], s), slope(e[1], e[5], s)]), p)
 
 
@@ -49,19 +49,21 @@ class BendingChain:
         self.size = len(links) + 6 * sum(len(elements) for _, elements, _ in links)
 
     def bodies(self, x):
-        """[(mass, moments of inertia about its own axes (3,), (4, 4) where it is)]."""
-        here, number, found = np.eye(4), len(self.links), []
+        """Return [(mass, moments of inertia about its own axes (3,), placement (4, 4))]."""
+        frame = np.eye(4)
+        number = len(self.links)
+        bodies = []
         for joint, (placement, elements, tip) in enumerate(self.links):
-            here = here @ placement @ matrix(rotation([0, 0, x[joint]]), np.zeros(3))
+            frame = frame @ placement @ matrix(rotation([0, 0, x[joint]]), np.zeros(3))
             for L, (A, I_y, I_z, _, I_p, _, _, rho) in elements:
                 e = x[number : number + 6]
                 for point, weight in zip(POINTS, WEIGHTS, strict=True):
                     share = rho * weight * L / 2
                     moments = share * np.array([I_p, I_y, I_z])
-                    found.append((share * A, moments, here @ section(L, e, (1 + point) / 2)))
-                here, number = here @ section(L, e, 1.0), number + 6
-            found.append((tip, np.zeros(3), here))
-        return found
+                    bodies.append((share * A, moments, frame @ section(L, e, (1 + point) / 2)))
+                frame, number = frame @ section(L, e, 1.0), number + 6
+            bodies.append((tip, np.zeros(3), frame))
+        return bodies
 
     def kinetic(self, x, rates):
         total = 0.0
@@ -75,14 +77,14 @@ class BendingChain:
         total = -sum(mass * self.gravity @ T[:3, 3].real for mass, _, T in self.bodies(x))
         number = len(self.links)
         for _, elements, _ in self.links:
-            for L, told in elements:
-                total += self._strain(L, told, x[number : number + 6])
+            for L, cross_section in elements:
+                total += self._strain(L, cross_section, x[number : number + 6])
                 number += 6
         return total
 
-    def _strain(self, L, told, e):
+    def _strain(self, L, cross_section, e):
         """½ ∫ E A u'² + G I_0 φ'² + E I_z v''² + E I_y w''²."""
-        A, I_y, I_z, I_0, _, E, G, _ = told
+        A, I_y, I_z, I_0, _, E, G, _ = cross_section
         total = L / 2 * (E * A * (e[0] / L) ** 2 + G * I_0 * (e[3] / L) ** 2)
         s = (1 + POINTS) / 2
         for second, end, turn in ((I_z, e[1], e[5]), (I_y, e[2], -e[4])):
@@ -92,7 +94,7 @@ class BendingChain:
 
     def efforts(self, x, rates, accelerations, only=None):
         """d/dt ∂T/∂ẋ - ∂T/∂x + ∂V/∂x, of some coordinates or all."""
-        found = []
+        efforts = []
         for number in range(self.size) if only is None else only:
             unit = np.eye(self.size)[number]
             total = 0.0
@@ -103,5 +105,5 @@ class BendingChain:
                 momentum = (self.kinetic(there, going + unit) - self.kinetic(there, going - unit)) / 2
                 moved = x + at * unit
                 total += weight * (momentum - self.kinetic(moved, rates) + self.potential(moved))
-            found.append(total / (840 * STEP))
-        return np.array(found)
+            efforts.append(total / (840 * STEP))
+        return np.array(efforts)

@@ -1,4 +1,4 @@
-"""Straight-line programs by their meaning: an interpreter apart from every emitter, and random programs for it."""
+"""Straight-line programs by their meaning: an interpreter independent of the emitters, and random programs for it."""
 
 import math
 
@@ -45,13 +45,13 @@ def programs(draw):
         try:
             match operation:
                 case "+" | "-" | "*" | "/":
-                    made = {"+": a.__add__, "-": a.__sub__, "*": a.__mul__, "/": a.__truediv__}[operation](b)
+                    scalar = {"+": a.__add__, "-": a.__sub__, "*": a.__mul__, "/": a.__truediv__}[operation](b)
                 case "k":
-                    made = a * draw(NUMBERS) + draw(NUMBERS)
+                    scalar = a * draw(NUMBERS) + draw(NUMBERS)
                 case _:
-                    made = {"n": a.__neg__, "s": a.sin, "c": a.cos, "r": a.sqrt, "g": a.signum}[operation]()
-        except (ZeroDivisionError, ValueError):  # what is not recorded
+                    scalar = {"n": a.__neg__, "s": a.sin, "c": a.cos, "r": a.sqrt, "g": a.signum}[operation]()
+        except (ZeroDivisionError, ValueError):  # operations that are not recorded
             continue
-        pool.append(made)
+        pool.append(scalar)
     outputs = {"y": np.array(pool[-4:]).reshape(2, 2), "z": pool[len(pool) // 2]}
     return build_program(trace, "random", {"x": 3, "s_x": 2}, outputs)
