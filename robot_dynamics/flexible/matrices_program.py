@@ -4,13 +4,12 @@ Most entries of M and K are zero or constant, whatever the pose, and symmetric: 
 once, and what it gives is laid into templates.
 """
 
-import logging
-from threading import Lock
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.codegen.jit.background import run_in_background
+from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import compile_program, load_program
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.codegen.trace.program import build_program
@@ -18,9 +17,9 @@ from robot_dynamics.codegen.trace.scalar import CONSTANT, Scalar, Trace
 from robot_dynamics.errors import CompilationError, InvalidInputError
 from robot_dynamics.flexible.matrices import constrained_matrices
 
-logger = logging.getLogger(__name__)
 MATRIX_NAMES = ("mass", "stiffness", "expansion")
-COMPILE_AFTER = 0.2  # seconds that matrices are computed by the recursion before a program is worth compiling
+COMPILE_THRESHOLD = 0.2
+"""Time spent on matrices by the recursion [s] after which a program is compiled."""
 
 
 class MatrixLayout(NamedTuple):
@@ -44,50 +43,43 @@ class MatrixLayout(NamedTuple):
 class MatricesProgram:
     """The program of M and K of a Structure.
 
-    Where none can be, since the loops are not closed element by element, or nothing compiles, `ready` stays None.
+    `compiled_matrices` stays None where the loops are not closed element by element, or where nothing compiles.
     """
 
     def __init__(self, structure, robot):
-        self._structure, self._robot = structure, robot
-        self._lock, self._spent, self._started = Lock(), 0.0, False
-        self._traced = self._compiled = None
-        self.compiled_matrices = None
+        self._trace = cache(partial(trace_matrices, structure, robot))
+        self._compilation = BackgroundCompilation(
+            partial(_compile_matrices, structure, robot, self._trace),
+            COMPILE_THRESHOLD,
+            f"the matrices of {robot.name!r}",
+            expected_errors=(CompilationError, InvalidInputError),
+        )
 
     @property
     def program(self):
-        """The Program of what varies, with its Operations. Raises QuestionError where there is none."""
+        """The Program of the entries that vary. Raises InvalidInputError where there is none."""
         return self._trace()[0]
 
-    def _trace(self):
-        if self._traced is None:
-            self._traced = trace_matrices(self._structure, self._robot)
-        return self._traced
+    @property
+    def compiled_matrices(self):
+        """The CompiledMatrices, None until they are compiled."""
+        return self._compilation.program
 
     def compile(self):
-        """Compile now, or load what was kept. Raises CompilationError and QuestionError."""
-        with self._lock:
-            if self._compiled is None:
-                program, layouts, independent = self._trace()
-                key = fingerprint(self._robot, self._structure.coordinates, self._structure.components, MATRIX_NAMES)
-                compiled = (key and load_program(key, lambda: program)) or compile_program(program, key=key)
-                self._compiled = compiled
-                self.compiled_matrices = CompiledMatrices(compiled, layouts, independent)
-        return self.compiled_matrices
+        """The CompiledMatrices, compiled or loaded now. Raises CompilationError and InvalidInputError."""
+        return self._compilation.get()
 
     def record_duration(self, seconds):
-        """Tell that the recursion took so long; a program that is worth it is compiled in the background."""
-        self._spent += seconds
-        if self._spent > COMPILE_AFTER and not self._started:
-            self._started = True
-            run_in_background(self._try)
+        """Add time that the recursion took [s]; the program is compiled in the background once that is worthwhile."""
+        self._compilation.record_time(seconds)
 
-    def _try(self):
-        try:
-            self.compile()
-        except (CompilationError, InvalidInputError) as reason:
-            logger.debug("matrices of %r are computed without a program: %s", self._robot.name, reason)
-        except Exception:  # a fault of ours must not end a thread in silence, and the recursion goes on
-            logger.exception("the matrices of %r could not be compiled", self._robot.name)
+
+def _compile_matrices(structure, robot, trace):
+    """The CompiledMatrices of a structure, from the cache or compiled."""
+    program, layouts, independent = trace()
+    key = fingerprint(robot, structure.coordinates, structure.components, MATRIX_NAMES)
+    compiled = (key and load_program(key, lambda: program)) or compile_program(program, key=key)
+    return CompiledMatrices(compiled, layouts, independent)
 
 
 class CompiledMatrices(NamedTuple):
