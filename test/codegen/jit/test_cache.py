@@ -16,7 +16,7 @@ from robot_dynamics.codegen.trace.scalar import Trace
 llvm_engine = pytest.importorskip("robot_dynamics.codegen.jit.engine", reason="llvmlite is not installed")
 PROGRAM = """
 from robot_dynamics.codegen.jit.compiled_program import compile_program
-from robot_dynamics.codegen.trace.program import program_for
+from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 import numpy as np
 import sys
@@ -25,7 +25,7 @@ trace = Trace()
 a = trace.input("a", 40)
 for _ in range(3):
     a = np.sin(a) * np.roll(a, 1) + 0.5
-made = compile_program(program_for(trace, "long", {"a": 40}, {"b": a}))
+made = compile_program(build_program(trace, "long", {"a": 40}, {"b": a}))
 print(repr(made.evaluate(np.arange(40.0)).sum()), repr(made.batch(np.arange(400.0).reshape(10, 40)).sum()))
 """
 
@@ -40,14 +40,14 @@ def works():
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch, no_background_work):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
 @pytest.fixture
-def compilations(monkeypatch):
-    """The list of the modules that were compiled, not loaded."""
+def compilations(monkeypatch, no_background_work):
+    """The list of the modules that were compiled, not loaded from the cache."""
     texts, compiled = [], llvm_engine.compile_ir
     monkeypatch.setattr(llvm_engine, "compile_ir", lambda text: texts.append(text) or compiled(text))
     return texts

@@ -18,7 +18,7 @@ pytest.importorskip("llvmlite")
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch, no_background_work):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
