@@ -58,7 +58,7 @@ def check(robot, seed, samples=4, tolerance=1e-12):
             found = fast.direct(states.q, states.qd, efforts, **question)
             assert error(found, expected) < max(tolerance * condition, lost)
             # and no other ones but that which closes loops, made beside where this takes long
-            assert {key[0] for key in fast._programs._programs} - {"closure"} == {"inverse", "direct"}
+            assert {key.name for key in fast._programs.ready_keys} - {"closure"} == {"inverse", "direct"}
     fast = compiled(robot, *((model, None, {}) for model in ("inertia_matrix", "gravity", "coriolis")))
     assert error(fast.inertia_matrix(states.q), core.inertia_matrix(states.q)) < tolerance
     assert error(fast.gravity(states.q, base=states.base), core.gravity(states.q, base=states.base)) < tolerance
@@ -171,7 +171,7 @@ def test_no_call_returns_what_a_payload_before_would_need():
         deadline, ready = time.monotonic() + 30, False
         while not ready:
             assert time.monotonic() < deadline
-            ready = fast._programs.get_ready("inverse") is not None or bool(fast._programs._programs)
+            ready = fast._programs.get_ready("inverse") is not None or bool(fast._programs.ready_keys)
             assert error(fast.inverse(q, qd, qdd), expected) < 1e-12
         assert error(fast.inverse(q, qd, qdd), expected) < 1e-12
 
@@ -193,7 +193,7 @@ def test_calls_from_many_threads_are_answered_while_it_compiles():
     for thread in threads:
         thread.join(60)
     assert not wrong and not any(thread.is_alive() for thread in threads)
-    assert len(fast._programs._programs) == 1
+    assert len(fast._programs.ready_keys) == 1
 
 
 def test_without_llvmlite_models_run_as_python_with_one_warning():
@@ -223,7 +223,7 @@ def test_dynamics_can_be_sent_to_another_process():
     fast = compiled(load_robot("ur5e"), ("inverse", None, {}))
     again = pickle.loads(pickle.dumps(fast))
     q = np.ones(6)
-    assert not again._programs._programs and error(again.inverse(q, q, q), fast.inverse(q, q, q)) < 1e-12
+    assert not again._programs.ready_keys and error(again.inverse(q, q, q), fast.inverse(q, q, q)) < 1e-12
     assert pickle.loads(pickle.dumps(Dynamics(load_robot("ur5e"), compiled=False))).compiled is False
 
 
