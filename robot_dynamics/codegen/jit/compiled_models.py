@@ -143,7 +143,7 @@ class CompiledModels:
         with_pivots: bool = False,
         independent: tuple[int, ...] | None = None,
     ) -> None:
-        """Add time that a model took without a program [s]; it is compiled in the background once that is worthwhile."""
+        """Add time that a model took without a program [s]; compile it in the background once that is worthwhile."""
         key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent)
         compilation = self._compilation(key)
         if not compilation.is_started and self._background_count < MAX_PROGRAMS:

@@ -269,5 +269,7 @@ class ModelTrace:
 
 def topology_of(robot: Robot, independent: Sequence[int] | None) -> ConstraintTopology:
     """The ConstraintTopology of a robot, with other independent joints if their numbers are passed."""
-    topology = build_topology(robot)
-    return topology if independent is None else topology.with_independent(independent)
+    topology: ConstraintTopology = build_topology(robot)
+    if independent is not None:
+        topology = topology.with_independent(independent)
+    return topology

@@ -33,7 +33,7 @@ SIGN: Literal["sign"] = "sign"
 LEAVES = (INPUT, PARAMETER, CONSTANT)
 
 Operands: TypeAlias = tuple[Any, ...]
-"""Node numbers; of an input its name and the position in its array; of a parameter its name; of a constant its value."""
+"""Node numbers; of an input its name and position in the array, of a parameter its name, of a constant its value."""
 
 Node: TypeAlias = tuple[Operation, Operands]
 """An operation and its operands."""

@@ -52,7 +52,7 @@ HOSTILE = [
     "q1",
     "t1",
     "s_q1",
-    *"settled given sign_of double int restrict typename NAN INFINITY I M_PI sin y0 printf main exp gamma".split(),
+    *"constants parameters sign_of double int restrict typename NAN INFINITY I M_PI sin y0 printf main exp gamma".split(),
 ]
 pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C compiler is here")
 
@@ -88,9 +88,9 @@ class Compiled:
     def __call__(self, inputs, parameters=None):
         arguments = [numbers_of(values) for values in inputs.values()]
         if self.setup:
-            settled = numbers_of([0.0] * (len(self.program.parameters) + len(self.program.setup)))
-            self.setup(settled, numbers_of([parameters[name] for name in self.program.parameters]))
-            arguments.append(settled)
+            constants = numbers_of([0.0] * (len(self.program.parameters) + len(self.program.setup)))
+            self.setup(constants, numbers_of([parameters[name] for name in self.program.parameters]))
+            arguments.append(constants)
         outputs = [numbers_of([0.0] * len(output.entries)) for output in self.program.outputs]
         self.function(*arguments, *outputs)
         return [list(output) for output in outputs]
@@ -153,7 +153,7 @@ def test_random_programs_compute_what_their_statements_mean(program, samples):
 def hostile_program(name):
     """A program in which everything bears the name, or almost."""
     trace = Trace()
-    x, p = trace.input(name, 2), trace.parameters([name, name + "_settled"])
+    x, p = trace.input(name, 2), trace.parameters([name, name + "_constants"])
     outputs = {name: [x[0].sin() * p[0], x[1].signum()], name + "_setup": x * p[1] * p[0]}
     return build_program(trace, name, {name: 2, "unread": 3, "none": 0}, outputs)
 
@@ -163,7 +163,7 @@ def test_no_name_becomes_code(tmp_path, name):
     program = hostile_program(name)
     options = {"joint_names": [name, *HOSTILE], "prefix": ""}
     found = Compiled(tmp_path, program, **options)
-    answer = found({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_settled": 2.0})
+    answer = found({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_constants": 2.0})
     same(answer, [[3 * math.sin(0.5), -1.0], [3.0, -12.0]])
     for text in c_source(program, **options):
         assert re.fullmatch(r"[ -~\n]*", text) and not re.search(r'\?\?|[\\%]|"(?!C"|[A-Za-z0-9_]+\.h"|\s|$)', text)
@@ -252,22 +252,22 @@ int main(void)
 {{
     const double special[] = {{0.0, -0.0, 5e-324, 1e308, -1e308, INFINITY, -INFINITY, NAN, 0.5, -2.0}};
     for (int round = 0; round < 40; ++round) {{
-        {name}_settled *settled = malloc(sizeof *settled);
-        double *given = malloc({given} * sizeof(double));
+        {name}_constants *constants = malloc(sizeof *constants);
+        double *parameters = malloc({parameters} * sizeof(double));
         double *in[{inputs}], *out[{outputs}];
         const size_t sizes[] = {{{sizes}}};
-        for (int k = 0; k < {given}; ++k) given[k] = special[(round + k) % 10];
+        for (int k = 0; k < {parameters}; ++k) parameters[k] = special[(round + k) % 10];
         for (int k = 0; k < {inputs} + {outputs}; ++k) {{
             double *numbers = malloc(sizes[k] * sizeof(double)); /* as many as are told, so that one more is seen */
             if (k < {inputs}) in[k] = numbers; else out[k - {inputs}] = numbers;
             for (size_t place = 0; place < sizes[k]; ++place) numbers[place] = special[(round + place * 3) % 10];
         }}
-        {name}_setup(settled, given);
+        {name}_setup(constants, parameters);
         {name}({call});
         for (int k = 0; k < {inputs}; ++k) free(in[k]);
         for (int k = 0; k < {outputs}; ++k) free(out[k]);
-        free(settled);
-        free(given);
+        free(constants);
+        free(parameters);
     }}
     return 0;
 }}
@@ -284,11 +284,11 @@ def test_sanitisers_find_nothing(tmp_path):
     source = written(tmp_path, program)
     main = MAIN.format(
         name=source.stem,
-        given=len(program.parameters),
+        parameters=len(program.parameters),
         inputs=len(program.inputs),
         outputs=len(program.outputs),
         sizes=", ".join(map(str, sizes)),
-        call="in[0], in[1], in[2], settled, out[0], out[1]",
+        call="in[0], in[1], in[2], constants, out[0], out[1]",
     )
     (tmp_path / "main.c").write_text(main)
     run(COMPILERS[0], *flags, tmp_path / "main.c", source, "-o", tmp_path / "main", "-lm")

@@ -94,14 +94,14 @@ def test_random_programs_compute_what_their_statements_mean(program, numbers):
     expected = interpreted(program, inputs, parameters)
     found = python_function(program, parameters)(*inputs.values())
     scope = module(program)
-    settled = [settle_by_order(scope["setup"], program, parameters)] if program.parameters else []
-    for answer in (found, scope["random"](*inputs.values(), *settled)):
+    constants = [run_setup(scope["setup"], program, parameters)] if program.parameters else []
+    for answer in (found, scope["random"](*inputs.values(), *constants)):
         for one, other in zip(answer, expected, strict=True):
             np.testing.assert_array_equal(one, other)
             np.testing.assert_array_equal(np.signbit(one)[~np.isnan(one)], np.signbit(other)[~np.isnan(other)])
 
 
-def settle_by_order(setup, program, parameters):
+def run_setup(setup, program, parameters):
     """What a setup function returns; its keywords stand in the order of the program's parameters."""
     keywords = setup.__code__.co_varnames[: setup.__code__.co_kwonlyargcount]
     return setup(**dict(zip(keywords, (parameters[name] for name in program.parameters), strict=True)))
@@ -126,12 +126,12 @@ def test_models_of_the_panda_agree_in_every_form(panda, number):
     parameters = {"Coulomb friction": 0.3, "gear": 2.0, "unread": 1.0}
     samples = np.random.default_rng(number).uniform(-2, 2, (len(program.inputs), 5, 7))
     function, batch, scope = python_function(program, parameters), python_batch(program, parameters), module(program)
-    settled = [scope["setup"](Coulomb_friction=0.3, gear=2.0)] if program.parameters else []
+    constants = [scope["setup"](Coulomb_friction=0.3, gear=2.0)] if program.parameters else []
     batches = listed(batch(*samples), program)
     for k in range(5):
         expected = interpreted(program, dict(zip(program.inputs, samples[:, k], strict=True)), parameters)
         same(listed(function(*samples[:, k]), program), expected)
-        same(listed(scope[program.name.replace(" ", "_")](*samples[:, k], *settled), program), expected)
+        same(listed(scope[program.name.replace(" ", "_")](*samples[:, k], *constants), program), expected)
         same([output[k].ravel() for output in batches], expected)
 
 
@@ -189,7 +189,7 @@ def test_numbers_are_written_exactly():
     np.testing.assert_array_equal(python_batch(program)(np.zeros((3, 2)), np.zeros((3, 2))), [numbers] * 3)
 
 
-def test_parameters_are_settled_once_and_missed_by_name():
+def test_parameters_become_constants_and_missing_ones_are_named():
     trace = Trace()
     mass, x = trace.parameter("mass of arm"), trace.input("x", 1)
     program = build_program(trace, "weigh", {"x": 1}, {"out": [mass.sin() * x[0] / mass]})
