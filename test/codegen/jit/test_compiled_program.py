@@ -308,7 +308,7 @@ REFUSED = {
     "complex": (TypeError, "float64, not complex128", lambda x, s: ((x + 1j, s), {})),
     "text": (TypeError, "float64, not", lambda x, s: ((x.astype(str), s), {})),
     "none": (TypeError, "float64, not object", lambda x, s: ((None, s), {})),
-    "one out": (ValueError, "writes into 2 arrays, not 1", lambda x, s: ((x, s), {"out": np.empty((5, 6))})),
+    "one out": (ValueError, "writes to 2 arrays, not 1", lambda x, s: ((x, s), {"out": np.empty((5, 6))})),
     "out type": (TypeError, "the array for wave", lambda x, s: ((x, s), {"out": (np.empty((5, 6), "f4"), x)})),
     "out shape": (ValueError, "the array for gap", lambda x, s: ((x, s), {"out": (np.empty((5, 6)), np.empty(5))})),
     "out order": (ValueError, "C-contig", lambda x, s: ((x, s), {"out": (np.empty((6, 5)).T, np.empty((5, 1)))})),
