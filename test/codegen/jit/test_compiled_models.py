@@ -17,7 +17,7 @@ from robot_dynamics.codegen.jit.compiled_models import MODELS, PythonProgram
 from robot_dynamics.codegen.program_calls import program_key
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
-# of parallel robots in space, whose seven programs take seconds each, two are compiled in nodes/constraints.test_closed_loops
+# constraints/test_closed_loops compiles two spatial parallel robots, whose seven programs take seconds each
 SHIPPED = [name for name in shipped_robots() if name == "navaro" or not load_robot(name).platforms]
 
 

@@ -121,7 +121,8 @@ def test_inverse_model_takes_no_more_operations_than_in_the_paper(group_paramete
     """Table of the example: 181 × and 127 +; with the parameters gathered 164 × and 115 +."""
     operations = traced(group_parameters).operations
     print(
-        f"Renaud's 6R, {'gathered' if group_parameters else 'augmented'}: {operations}; paper {multiplications} / {additions}"
+        f"Renaud's 6R, {'grouped' if group_parameters else 'augmented'}: {operations}; "
+        f"paper {multiplications} / {additions}"
     )
     assert operations.multiplications <= multiplications and operations.additions <= additions
     assert operations.divisions == operations.square_roots == operations.signs == 0
