@@ -78,7 +78,7 @@ def programs_of(name):
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW_ROBOTS)) for name in shipped_robots()]
 )
-def test_programs_of_shipped_robots_are_those_recorded_or_smaller(name):
+def test_programs_of_shipped_robots_are_unchanged_or_smaller(name):
     programs = programs_of(name)
     assert list(programs) == list(RECORDED[name])
     for model, program in programs.items():

@@ -101,10 +101,10 @@ def numbers_of(values):
     return (ctypes.c_double * len(values))(*values)
 
 
-def same(found, expected):
-    """Lists of numbers, equal but for rounding."""
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+def same(actual, expected):
+    """Assert that lists of numbers are equal except for rounding."""
+    for values, expected_values in zip(actual, expected, strict=True):
+        np.testing.assert_allclose(values, expected_values, rtol=1e-12, atol=1e-12)
 
 
 def panda_programs(robot):
@@ -115,16 +115,16 @@ def panda_programs(robot):
     forces, wrenches = inverse_dynamics(robot, sweep, qdd, gravity)
     coulomb, gear = trace.parameter("Coulomb friction"), trace.parameter("gear")
     rubbed = forces + np.array([gear * gear * coulomb * rate.signum() for rate in qd])
-    found = articulated_body.solve(robot, sweep, [None] * 7, list(efforts[:, None]), gravity).accelerations
+    accelerations = articulated_body.solve(robot, sweep, [None] * 7, list(efforts[:, None]), gravity).accelerations
     return [
         build_program(trace, "inverse", {"q": 7, "qd": 7, "qdd": 7}, {"efforts": rubbed, "wrenches": wrenches}),
-        build_program(trace, "direct", {"q": 7, "qd": 7, "efforts": 7}, {"accelerations": found}),
+        build_program(trace, "direct", {"q": 7, "qd": 7, "efforts": 7}, {"accelerations": accelerations}),
     ]
 
 
 @pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize("form", ["as described", "gathered"])
-def test_models_of_the_panda_agree(tmp_path, form, number):
+def test_generated_c_agrees_for_models_of_the_panda(tmp_path, form, number):
     robot = load_robot("panda")
     program = panda_programs(robot if form == "as described" else group_inertial_parameters(robot))[number]
     compiled = Compiled(tmp_path, program, prefix="panda_", joint_names=[joint.name for joint in robot.joints])
@@ -132,23 +132,24 @@ def test_models_of_the_panda_agree(tmp_path, form, number):
     function = python_function(program, parameters)
     for sample in np.random.default_rng(number).uniform(-2, 2, (5, 3, 7)):
         inputs = dict(zip(program.inputs, sample, strict=True))
-        found, answer = compiled(inputs, parameters), function(*sample)
-        same(found, interpreted(program, inputs, parameters))
-        same(found, answer if len(program.outputs) > 1 else [answer])
+        from_c = compiled(inputs, parameters)
+        from_python = function(*sample)
+        same(from_c, interpreted(program, inputs, parameters))
+        same(from_c, from_python if len(program.outputs) > 1 else [from_python])
 
 
 @settings(deadline=None, max_examples=25)
 @given(programs(), st.lists(st.lists(NUMBERS, min_size=7, max_size=7), min_size=10, max_size=10))
-def test_random_programs_compute_what_their_statements_mean(program, samples):
+def test_random_programs_agree_with_their_statements(program, samples):
     with tempfile.TemporaryDirectory() as folder:
         compiled = Compiled(folder, program)
     for numbers in samples:
         inputs, parameters = {"x": numbers[:3], "s_x": numbers[3:5]}, {"gear": numbers[5], "t1": numbers[6]}
-        found = compiled(inputs, parameters)
+        actual = compiled(inputs, parameters)
         expected = interpreted(program, inputs, parameters)
-        for other in (expected, python_function(program, parameters)(*inputs.values())):
-            for one, two in zip(found, other, strict=True):
-                np.testing.assert_allclose(one, two, rtol=1e-12)
+        for reference in (expected, python_function(program, parameters)(*inputs.values())):
+            for values, reference_values in zip(actual, reference, strict=True):
+                np.testing.assert_allclose(values, reference_values, rtol=1e-12)
 
 
 def hostile_program(name):
@@ -160,12 +161,12 @@ def hostile_program(name):
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_no_name_becomes_code(tmp_path, name):
+def test_names_do_not_become_code(tmp_path, name):
     program = hostile_program(name)
     options = {"joint_names": [name, *HOSTILE], "prefix": ""}
-    found = Compiled(tmp_path, program, **options)
-    answer = found({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_constants": 2.0})
-    same(answer, [[3 * math.sin(0.5), -1.0], [3.0, -12.0]])
+    compiled = Compiled(tmp_path, program, **options)
+    results = compiled({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_constants": 2.0})
+    same(results, [[3 * math.sin(0.5), -1.0], [3.0, -12.0]])
     for text in c_source(program, **options):
         assert re.fullmatch(r"[ -~\n]*", text) and not re.search(r'\?\?|[\\%]|"(?!C"|[A-Za-z0-9_]+\.h"|\s|$)', text)
         bare = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
@@ -174,7 +175,7 @@ def test_no_name_becomes_code(tmp_path, name):
 
 
 @pytest.mark.parametrize("compiler", [*COMPILERS[1:], *CPP_COMPILERS])
-def test_every_other_compiler_takes_it_without_a_warning(tmp_path, compiler):
+def test_generated_c_compiles_without_warnings(tmp_path, compiler):
     language = ["-x", "c++"] if "++" in Path(compiler).name else ["-std=c99"]
     for name in [*HOSTILE[9:], "class"]:
         run(
@@ -182,7 +183,7 @@ def test_every_other_compiler_takes_it_without_a_warning(tmp_path, compiler):
         )
 
 
-def test_cpp_calls_it_by_its_name(tmp_path):
+def test_generated_c_is_callable_from_cpp(tmp_path):
     if not CPP_COMPILERS:
         pytest.skip("no C++ compiler is here")
     trace = Trace()
@@ -199,15 +200,15 @@ def test_cpp_calls_it_by_its_name(tmp_path):
     run(tmp_path / "main")
 
 
-def test_numbers_are_written_exactly(tmp_path):
+def test_literals_are_exact(tmp_path):
     numbers = [*SPECIAL, 0.1, 2.0**53 - 1, 1 / 3, 2.2250738585072011e-308, 1.7976931348623157e308]
     program = build_program(Trace(), "numbers", {}, {"out": numbers})
-    (found,) = Compiled(tmp_path, program)({})
-    np.testing.assert_array_equal(found, numbers)
-    np.testing.assert_array_equal(np.signbit(found), np.signbit(numbers))
+    (written_numbers,) = Compiled(tmp_path, program)({})
+    np.testing.assert_array_equal(written_numbers, numbers)
+    np.testing.assert_array_equal(np.signbit(written_numbers), np.signbit(numbers))
 
 
-def test_outputs_may_lie_where_inputs_do(tmp_path):
+def test_outputs_may_overlap_inputs(tmp_path):
     trace = Trace()
     x, y = trace.input("x", 2), trace.input("y", 2)
     program = build_program(trace, "swap", {"x": 2, "y": 2}, {"a": [y[1], x[0] + y[0]], "b": [x[1], x[0]]})
@@ -217,8 +218,8 @@ def test_outputs_may_lie_where_inputs_do(tmp_path):
     assert [*x, *y] == [4, 4, 2, 1]
 
 
-def test_nothing_is_there_but_the_functions(tmp_path):
-    """Neither variables that calls could share nor functions of others but those of math.h."""
+def test_object_file_defines_only_the_functions(tmp_path):
+    """It has no variables that calls could share, and uses only functions of math.h."""
     if not (nm := shutil.which("nm")):
         pytest.skip("nm, which lists symbols, is not here")
     source = written(tmp_path, hostile_program("arm"))
@@ -231,15 +232,23 @@ def test_nothing_is_there_but_the_functions(tmp_path):
     assert symbols.pop("U") <= {"sin", "GLOBAL_OFFSET_TABLE"} and set(symbols) <= {"r", "R", "n", "N"}
 
 
-def test_comments_tell_joints_units_and_operations():
+def test_comments_contain_joints_units_and_operations():
     robot = load_robot("panda")
     program = panda_programs(robot)[0]
     names = [joint.name for joint in robot.joints]
     header, _ = c_source(program, prefix="panda_", joint_names=names)
     count = program.operations
-    told = [*names, "[rad or m]", "[N m or N]", "q: 7 numbers", "wrenches: 48 numbers", "(8, 6)", "0: Coulomb friction"]
-    told += [f"multiplications {count.multiplications}", f"additions {count.additions}", f"signs {count.signs}"]
-    assert all(words in header for words in told)
+    words = [
+        *names,
+        "[rad or m]",
+        "[N m or N]",
+        "q: 7 numbers",
+        "wrenches: 48 numbers",
+        "(8, 6)",
+        "0: Coulomb friction",
+    ]
+    words += [f"multiplications {count.multiplications}", f"additions {count.additions}", f"signs {count.signs}"]
+    assert all(word in header for word in words)
     assert "void panda_inverse(const double q[7], const double qd[7], const double qdd[7]," in header
 
 
@@ -259,9 +268,9 @@ int main(void)
         const size_t sizes[] = {{{sizes}}};
         for (int k = 0; k < {parameters}; ++k) parameters[k] = special[(round + k) % 10];
         for (int k = 0; k < {inputs} + {outputs}; ++k) {{
-            double *numbers = malloc(sizes[k] * sizeof(double)); /* as many as are told, so that one more is seen */
+            double *numbers = malloc(sizes[k] * sizeof(double)); /* no more than declared */
             if (k < {inputs}) in[k] = numbers; else out[k - {inputs}] = numbers;
-            for (size_t place = 0; place < sizes[k]; ++place) numbers[place] = special[(round + place * 3) % 10];
+            for (size_t index = 0; index < sizes[k]; ++index) numbers[index] = special[(round + index * 3) % 10];
         }}
         {name}_setup(constants, parameters);
         {name}({call});
