@@ -161,8 +161,14 @@ def measure(options):
         gc.disable()  # pauses of this process do not belong to the nodes
         plans = [(rate, options.seconds) for rate in options.rates] + ([(2000.0, options.long)] if options.long else [])
         rows = [row for plan in plans for row in compare_nodes(nodes, executor, *plan, q, qd)]
-    print(tabulate(rows, ["rate [1/s]", "seconds", "node", "p50 [us]", "p99 [us]", "max [us]", "lost", "of"],
-                   floatfmt=".0f", tablefmt="github"))  # fmt: skip
+    print(
+        tabulate(
+            rows,
+            ["rate [1/s]", "seconds", "node", "p50 [us]", "p99 [us]", "max [us]", "lost", "of"],
+            floatfmt=".0f",
+            tablefmt="github",
+        )
+    )
     executor.shutdown()
     rclpy.shutdown()
 

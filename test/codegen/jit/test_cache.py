@@ -72,9 +72,16 @@ def test_other_processor_or_version_is_compiled_again(folder, compilations, monk
     assert len(compilations) == 6
 
 
-@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[:-1], lambda content: content[1:],
-                                    lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
-                                    lambda content: content + b"\0"])  # fmt: skip
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:-1],
+        lambda content: content[1:],
+        lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
+        lambda content: content + b"\0",
+    ],
+)
 def test_damaged_files_are_replaced(folder, compilations, damage):
     assert works()
     for file in folder.iterdir():

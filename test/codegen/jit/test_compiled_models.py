@@ -74,8 +74,9 @@ def _check_single_body(robot, core, samples, seed, tolerance):
         return
     states, nothing = random_states(robot, 0, samples, seed), np.zeros((samples, 0))
     direct = Dynamics(robot).compile("direct", wrenches=[robot.base_link])
-    expected = core.solve(nothing, nothing, efforts=nothing, base=states.base,
-                          external_wrenches={robot.base_link: np.ones(6)})  # fmt: skip
+    expected = core.solve(
+        nothing, nothing, efforts=nothing, base=states.base, external_wrenches={robot.base_link: np.ones(6)}
+    )
     gravity = np.swapaxes(states.base.pose[:, :3, :3], 1, 2) @ robot.gravity
     for k in range(samples):
         _, actual = direct.evaluate(*np.zeros((3, 0)), states.base.twist[k], gravity[k], np.ones(6))

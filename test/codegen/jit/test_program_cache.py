@@ -95,9 +95,16 @@ def test_payload_has_its_own_program(traces):
     assert len(traces) == 3
 
 
-@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[: len(content) // 2],
-                                    lambda content: content + b"\0", lambda content: b"\0" * len(content),
-                                    None])  # fmt: skip
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[: len(content) // 2],
+        lambda content: content + b"\0",
+        lambda content: b"\0" * len(content),
+        None,
+    ],
+)
 def test_damaged_or_missing_program_files_are_replaced(folder, damage):
     robot = load_robot("ur5e")
     check(robot)

@@ -137,8 +137,18 @@ def test_fingerprints_of_different_values_differ(a, b):
     assert fingerprint(a) != fingerprint(b)
 
 
-SIMILAR = [(0.0, -0.0), (1, True), (1, 1.0), ("1", 1), ("1", b"1"), (["ab", "c"], ["a", "bc"]), ([[1], 2], [1, [2]]),
-         ([], [[]]), ("", []), (np.float64(1), np.float32(1))]  # fmt: skip
+SIMILAR = [
+    (0.0, -0.0),
+    (1, True),
+    (1, 1.0),
+    ("1", 1),
+    ("1", b"1"),
+    (["ab", "c"], ["a", "bc"]),
+    ([[1], 2], [1, [2]]),
+    ([], [[]]),
+    ("", []),
+    (np.float64(1), np.float32(1)),
+]
 
 
 @pytest.mark.parametrize("pair", SIMILAR)

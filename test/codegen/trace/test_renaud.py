@@ -95,8 +95,14 @@ def counted_by_step(group_parameters):
     return steps, count_operations(whole)
 
 
-PAPER = {"1a and 1b": (18, 12), "2": (25, 0), "3a and 3b": (28, 22), "4": (0, 15), "6a, 6b and 6c": (22, 12),
-         "7 to 10": (26 + 62, 16 + 50)}  # fmt: skip
+PAPER = {
+    "1a and 1b": (18, 12),
+    "2": (25, 0),
+    "3a and 3b": (28, 22),
+    "4": (0, 15),
+    "6a, 6b and 6c": (22, 12),
+    "7 to 10": (26 + 62, 16 + 50),
+}
 
 
 def test_operations_of_each_step_do_not_exceed_the_paper():
