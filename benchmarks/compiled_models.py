@@ -1,7 +1,7 @@
-"""Compiled models beside Pinocchio in the same run: one call, batches, threads, and what compiling takes.
+"""Compiled models beside Pinocchio in the same run: single calls, batches, threads, and compile times.
 
-Rounds of both go in turn, and the ratio is the median of the rounds' ratios. A ratio above 1 means that robot_dynamics
-is that many times faster. Batches of Pinocchio are its own rneaInParallel and abaInParallel on one thread.
+Rounds of both alternate; the ratio is the median of the ratios of the rounds. A ratio above 1 means that robot_dynamics
+is that many times faster. Batches of Pinocchio are computed by its rneaInParallel and abaInParallel on one thread.
 """
 
 import argparse
@@ -49,27 +49,28 @@ class Case:
         self.data = self.model.createData()
         names = self.dynamics.joint_names
         order = [self.model.joints[self.model.getJointId(name)].idx_v for name in names]
-        assert self.model.nq == len(names), "joints with cosine and sine as coordinates are not compared here"
+        assert self.model.nq == len(names), "joints with cosine and sine as coordinates are not supported here"
         self.states = np.random.default_rng(seed).uniform(-1, 1, (3, samples, len(names)))
         self.peer_states = np.empty_like(self.states)
         self.peer_states[:, :, order] = self.states
         self.order = order
 
     def model_rows(self, model):
-        """(what, ours, Pinocchio's, samples) of one model: inverse or direct."""
+        """(label, our call, Pinocchio's call, samples) of the rows of one model, inverse or direct."""
         peer, peer_batch = (pin.rnea, pin.rneaInParallel) if model == "inverse" else (pin.aba, pin.abaInParallel)
         program = self.dynamics.compile(model)
         program.compile_batch()
         q, qd, last = (np.ascontiguousarray(state[0]) for state in self.states)
         arrays = [array("d", values) for values in (q, qd, last, np.zeros_like(q))]
-        out, given = np.empty_like(q), [np.ascontiguousarray(state[0]) for state in self.peer_states]
-        expected = peer(self.model, self.data, *given)[self.order]
-        extra = self.dynamics.friction(qd)
-        found = program.evaluate(q, qd, last + (0 if model == "inverse" else extra))
-        assert np.abs(found - expected - (extra if model == "inverse" else 0)).max() < 1e-9 * np.abs(expected).max()
+        out = np.empty_like(q)
+        peer_arguments = [np.ascontiguousarray(state[0]) for state in self.peer_states]
+        expected = peer(self.model, self.data, *peer_arguments)[self.order]
+        friction = self.dynamics.friction(qd)
+        result = program.evaluate(q, qd, last + (0 if model == "inverse" else friction))
+        assert np.abs(result - expected - (friction if model == "inverse" else 0)).max() < 1e-9 * np.abs(expected).max()
 
         def theirs():
-            peer(self.model, self.data, *given)
+            peer(self.model, self.data, *peer_arguments)
 
         yield f"{model}, out=", lambda: program.evaluate(q, qd, last, out), theirs, 1
         yield f"{model}, array.array in and out", lambda: program.evaluate(*arrays), theirs, 1
@@ -77,11 +78,11 @@ class Case:
         pool = pin.ModelPool(self.model, 1)
         columns = [np.asfortranarray(state.T) for state in self.peer_states]
         result = np.empty_like(self.states[0])
-        their_result = np.asfortranarray(np.empty_like(columns[0]))
+        peer_result = np.asfortranarray(np.empty_like(columns[0]))
         yield (
             f"{model}, batch of {len(result)}",
             lambda: program.batch(*self.states, out=result),
-            lambda: peer_batch(1, pool, *columns, their_result),
+            lambda: peer_batch(1, pool, *columns, peer_result),
             len(result),
         )
         yield (
@@ -92,8 +93,9 @@ class Case:
         )
 
     def other_peers(self):
-        """(what, ours, theirs, samples) beside those of the PEERS whose wheels are installed: one inverse call."""
-        program, out = self.dynamics.compile("inverse"), np.empty(len(self.order))
+        """(label, our call, peer's call, samples) of one inverse call, for each of the PEERS that is installed."""
+        program = self.dynamics.compile("inverse")
+        out = np.empty(len(self.order))
         q, qd, qdd = (np.ascontiguousarray(state[0]) for state in self.states)
         expected = program.evaluate(q, qd, qdd) - self.dynamics.friction(qd)
         for name, make in PEERS.items():
@@ -105,7 +107,7 @@ class Case:
             yield f"inverse, out=, beside {name}", lambda: program.evaluate(q, qd, qdd, out), theirs, 1
 
     def fallback(self):
-        """(what, exec'd Python, NumPy recursion, samples)."""
+        """(label, call of generated Python, call of the NumPy recursion, samples)."""
         function = python_function(MODELS["inverse"](self.robot))
         sample = [state[0].tolist() for state in self.states]
         arrays = [state[0] for state in self.states]
@@ -118,16 +120,17 @@ class Case:
 
 
 def thread_scaling_cases():
-    """(what, two threads, one thread) of work that is not ours: how far the machine lets a second thread help."""
-    few, many = np.random.default_rng(0).uniform(-1, 1, (2, 2000)), np.ones((2, 2_000_000))
-    copied = np.empty_like(many)
+    """(label, call on two threads, call on one) of work by NumPy: how much a second thread helps on this machine."""
+    angles = np.random.default_rng(0).uniform(-1, 1, (2, 2000))
+    source = np.ones((2, 2_000_000))
+    target = np.empty_like(source)
 
-    def sines(place):
+    def sines(half):
         for _ in range(50):
-            np.sin(few[place])
+            np.sin(angles[half])
 
-    def copy(place):
-        np.copyto(copied[place], many[place])
+    def copy(half):
+        np.copyto(target[half], source[half])
 
     def both(work):
         helper = Thread(target=work, args=(1,))
@@ -136,14 +139,15 @@ def thread_scaling_cases():
         helper.join()
 
     def in_turn(work):
-        work(0), work(1)
+        work(0)
+        work(1)
 
-    for what, work in (("sines by NumPy", sines), ("a copy of 32 MB by NumPy", copy)):
-        yield f"{what}, two threads beside one", partial(both, work), partial(in_turn, work)
+    for label, work in (("sines by NumPy", sines), ("a copy of 32 MB by NumPy", copy)):
+        yield f"{label}, two threads beside one", partial(both, work), partial(in_turn, work)
 
 
 def without_friction(urdf):
-    """The URDF with joints that lose nothing, as each peer counts friction in its own way."""
+    """The URDF without joint friction, which each peer models differently."""
     return re.sub(r"<dynamics[^>]*/>", "", urdf)
 
 
@@ -182,8 +186,10 @@ def drake_inverse(urdf, q, qd, qdd):
 
 
 def casadi_inverse(urdf, q, qd, qdd, compiled=False):
-    """CasADi is given the statements of our own program, base parameters and all, as its wheels have no model of a
-    robot; so what is compared is how a program runs. In its virtual machine, or compiled by gcc -O3."""
+    """The statements of our program run by CasADi, in its virtual machine or compiled by gcc -O3.
+
+    The wheels of CasADi have no robot models, so this compares the execution of one program.
+    """
     import casadi
 
     if compiled and not which("gcc"):
@@ -204,12 +210,13 @@ def casadi_inverse(urdf, q, qd, qdd, compiled=False):
         options = options | {"jit_options": compiler} if compiled else {}
         function = casadi.Function("inverse", list(inputs.values()), [results], options)
     buffer, call = function.buffer()
-    out, given = np.zeros(len(q)), (q, qd, qdd)
-    for place, numbers in enumerate(given):
-        buffer.set_arg(place, memoryview(numbers))
+    out = np.zeros(len(q))
+    arguments = (q, qd, qdd)
+    for index, values_of_input in enumerate(arguments):
+        buffer.set_arg(index, memoryview(values_of_input))
     buffer.set_res(0, memoryview(out))
 
-    def evaluate(_kept=(function, buffer, given)):
+    def evaluate(_references=(function, buffer, arguments)):
         call()
         return out
 
@@ -225,7 +232,7 @@ PEERS = {
 
 
 def first_use(urdf, model):
-    """(trace and compile [s], cached load [s], operations) of a model, with an empty cache and with a full one."""
+    """(time to trace and compile [s], time to load from the cache [s], operations) of a model."""
     robot = load_robot(urdf)
     with tempfile.TemporaryDirectory() as folder:
         os.environ["ROBOT_DYNAMICS_CACHE"] = folder
@@ -253,33 +260,33 @@ def main():
     options = parser.parse_args()
     versions = ", ".join(map(installed_version, ("numpy", "llvmlite", "pin", "mujoco", "drake", "casadi")))
     print(f"{processor_name()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
-    Dynamics(load_robot("ur5e")).compile("gravity")  # the import of llvmlite is not what is measured
+    Dynamics(load_robot("ur5e")).compile("gravity")  # imports llvmlite, which is not measured
     print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
     for name in options.robots:
         for model in ("inverse", "direct"):
             compiled, cached, operations = first_use(ROBOTS[name](), model)
             print(f"{f'{name}: {model}':<48} {compiled * 1e3:6.0f} ms {cached * 1e3:6.0f} ms   {operations}")
-    print(f"\n{'':<48} {'ours':>12} {'the other':>12} {'ratio':>8}")
-    for what, ours, theirs in thread_scaling_cases():
-        print_row(what, ours, theirs, 1, options.rounds)
+    print(f"\n{'':<48} {'ours':>12} {'peer':>12} {'ratio':>8}")
+    for label, ours, theirs in thread_scaling_cases():
+        print_row(label, ours, theirs, 1, options.rounds)
     for name in options.robots:
         case = Case(ROBOTS[name](), options.batch)
-        others = [] if name.startswith("talos") else case.other_peers()
-        for what, ours, theirs, samples in [
+        peer_rows = [] if name.startswith("talos") else case.other_peers()
+        for label, ours, theirs, samples in [
             *case.model_rows("inverse"),
             *case.model_rows("direct"),
             *case.fallback(),
-            *others,
+            *peer_rows,
         ]:
-            print_row(f"{name}: {what}", ours, theirs, samples, options.rounds)
+            print_row(f"{name}: {label}", ours, theirs, samples, options.rounds)
 
 
-def print_row(what, ours, theirs, samples, rounds, width=48):
-    """A row of the table."""
-    mine, other, ratio = time_both(ours, theirs, rounds)
-    told = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (mine, other)]
+def print_row(label, ours, theirs, samples, rounds, width=48):
+    """Measure two calls and print a row of the table."""
+    our_seconds, peer_seconds, ratio = time_both(ours, theirs, rounds)
+    columns = [f"{seconds / samples * 1e9:.0f} ns" for seconds in (our_seconds, peer_seconds)]
     times = f"{1 / ratio:.1f}" if ratio < 1 else f"{1 / ratio:.2g}"
-    print(f"{what:<{width}} {told[0]:>12} {told[1]:>12} {times:>8}", flush=True)
+    print(f"{label:<{width}} {columns[0]:>12} {columns[1]:>12} {times:>8}", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
-"""Natural frequencies of the NaVARo: M, K and all 90 of them, beside a finite-element program in the same run.
+"""Natural frequencies of the NaVARo: M, K and all 90 frequencies, beside a finite-element program in the same run.
 
-The paper (Briot and Khalil) tells 0.01 s a pose for its model, compiled from C, and 6 s for Cast3M, on a Pentium 4.
-OpenSees is timed where it is installed; its beams have no rotary inertia, so its frequencies are a little higher.
+The paper (Briot and Khalil) reports 0.01 s for a pose with its model, compiled from C, and 6 s with Cast3M, on a
+Pentium 4. OpenSees is measured where it is installed; its beams have no rotary inertia, so its frequencies are slightly
+higher.
 """
 
 import os
@@ -40,11 +41,11 @@ def median(function, repetitions=200):
 
 
 def opensees(pose):
-    """A function that gives the first 20 frequencies of the same frame by OpenSees, None where it is not there."""
+    """A function that computes the first 20 frequencies of the same frame by OpenSees; None if it is not installed."""
     try:
         program = import_module("openseespy.opensees")
-    except (ImportError, RuntimeError) as reason:
-        print(f"OpenSees is not there: {reason}")
+    except (ImportError, RuntimeError) as error:
+        print(f"OpenSees is not available: {error}")
         return None
     frame = navaro_frame(*pose)
 
@@ -79,40 +80,43 @@ def main():
     start = time.perf_counter()
     elastodynamics.compile()
     print(f"program of M and K: {elastodynamics.operations}; compiled or loaded in {time.perf_counter() - start:.2f} s")
-    print("  the paper's: 37341 × and ÷ / 36183 + and -")
+    print("  the paper: 37341 × and ÷ / 36183 + and -")
     M, K, *_ = elastodynamics.matrices(q)
     rng = np.random.default_rng(0)
     x = np.zeros((POSES, 6))
     x[:, [0, 1, 3]] = rng.uniform(-1, 1, (POSES, 3)) * (0.08, 0.08, 0.4)
-    many = dynamics.platform.joint_positions(pose_from_coordinates(x))
+    q_of_poses = dynamics.platform.joint_positions(pose_from_coordinates(x))
     start = time.perf_counter()
-    elastodynamics.frequencies(many)
-    each = (time.perf_counter() - start) / POSES
+    elastodynamics.frequencies(q_of_poses)
+    seconds_per_pose = (time.perf_counter() - start) / POSES
     frame = median(lambda: navaro_frame(*POSE).frequencies(), 10)
     rows = [
         ("M and K by the recursion", recursion),
         ("M and K by the program", median(lambda: elastodynamics.matrices(q))),
         ("eigenvalue solver alone", median(lambda: natural_frequencies(M, K))),
         ("M, K and 90 frequencies of a pose, joints known", median(lambda: elastodynamics.frequencies(q))),
-        ("  and the joints found from the platform's pose", median(lambda: elastodynamics.frequencies(pose=pose), 50)),
-        (f"M, K and 90 frequencies, each of {POSES} poses, one core", each),
+        (
+            "  including the joints from the platform pose",
+            median(lambda: elastodynamics.frequencies(pose=pose), 50),
+        ),
+        (f"M, K and 90 frequencies, each of {POSES} poses, one core", seconds_per_pose),
         ("frame of finite elements in NumPy (test/peers), 90 frequencies", frame),
     ]
     peer = opensees(POSE)
     if peer is not None:
         with contextlib.redirect_stdout(None):
-            found = peer()
-        ours = elastodynamics.frequencies(q)[:20]
+            peer_frequencies = peer()
+        difference = np.abs(peer_frequencies / elastodynamics.frequencies(q)[:20] - 1).max()
         rows.append(
-            (f"OpenSees, 20 frequencies, within {np.abs(found / ours - 1).max():.1e} of ours", median(peer, 20))
+            (f"OpenSees, 20 frequencies, relative difference {difference:.1e}", median(peer, 20)),
         )
     for name, seconds in rows:
         print(f"{seconds * 1e3:9.3f} ms  {name}")
     start = time.perf_counter()
     axes = {name: np.linspace(-0.08, 0.08, GRID) for name in ("x", "y")}
-    found = frequency_map(dynamics, axes, threads=2)
+    result = frequency_map(dynamics, axes, threads=2)
     seconds = time.perf_counter() - start
-    print(f"{seconds:9.1f} s   map of {GRID} x {GRID} poses on two cores, {found.reachable.mean():.0%} reached")
+    print(f"{seconds:9.1f} s   map of {GRID} x {GRID} poses on two cores, {result.reachable.mean():.0%} reachable")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Time of the inverse and the direct model, for one sample and for a batch, beside Pinocchio in the same run.
 
-Rounds of both go in turn, and the ratio is the median of the rounds' ratios, so that a machine whose speed drifts does
-not favour one. A ratio above 1 means that Pinocchio is that many times faster.
+Rounds of both alternate, and the ratio is the median of the ratios of the rounds, so that a drifting clock rate does
+not favour either. A ratio above 1 means that Pinocchio is that many times faster.
 """
 
 import argparse
@@ -36,58 +36,63 @@ def seconds(work, repetitions, clock=time.perf_counter):
 
 
 def time_both(ours, theirs, rounds, clock=time.perf_counter):
-    """(our median [s], their median [s], median of the ratios of each round)."""
-    ours(), theirs()
-    # about 50 ms a turn, so that the clock and a short interruption do not count
+    """(our median [s], median of the peer [s], median of the ratios of the rounds)."""
+    ours()
+    theirs()
+    # about 50 ms a turn, so that the resolution of the clock and short interruptions do not matter
     counts = [max(1, int(0.05 / max(seconds(work, 1), 1e-7))) for work in (ours, theirs)]
     pairs = [(seconds(ours, counts[0], clock), seconds(theirs, counts[1], clock)) for _ in range(rounds)]
-    mine, peers = zip(*pairs, strict=True)
-    return statistics.median(mine), statistics.median(peers), statistics.median(a / b for a, b in pairs)
+    our_seconds, peer_seconds = zip(*pairs, strict=True)
+    return statistics.median(our_seconds), statistics.median(peer_seconds), statistics.median(a / b for a, b in pairs)
 
 
 def cases(urdf, batch, seed=0):
-    """(what, ours, Pinocchio's) after making sure that both give the same numbers."""
+    """(label, our call, Pinocchio's call, samples), after a check that both compute the same numbers."""
     dynamics = Dynamics(load_robot(urdf))
     model = pin.buildModelFromXML(urdf)
     data = model.createData()
     order = [model.joints[model.getJointId(name)].idx_v for name in dynamics.joint_names]
     q, qd, qdd = np.random.default_rng(seed).uniform(-1, 1, (3, batch, len(order)))
-    theirs = [np.empty_like(q) for _ in range(3)]
-    for full, values in zip(theirs, (q, qd, qdd), strict=True):
+    peer_states = [np.empty_like(q) for _ in range(3)]
+    for full, values in zip(peer_states, (q, qd, qdd), strict=True):
         full[:, order] = values
     efforts = dynamics.inverse(q, qd, qdd) - dynamics.friction(qd)
-    pushed = np.empty_like(q)
-    pushed[:, order] = efforts
-    columns = [np.asfortranarray(values.T) for values in (*theirs, pushed)]
+    peer_efforts = np.empty_like(q)
+    peer_efforts[:, order] = efforts
+    columns = [np.asfortranarray(values.T) for values in (*peer_states, peer_efforts)]
     pool = pin.ModelPool(model, 1)
 
-    for name, mine, one, many in (
+    for name, our_model, peer_model, peer_batch in (
         ("inverse", dynamics.inverse, pin.rnea, pin.rneaInParallel),
         ("direct", dynamics.direct, pin.aba, pin.abaInParallel),
     ):
-        last, peer_last, column = (qdd, theirs[2], columns[2]) if name == "inverse" else (efforts, pushed, columns[3])
-        expected = np.array([one(model, data, *sample) for sample in zip(theirs[0], theirs[1], peer_last, strict=True)])
-        given = last if name == "inverse" else last + dynamics.friction(qd)
-        found = mine(q, qd, given) - (dynamics.friction(qd) if name == "inverse" else 0)
-        assert np.abs(found - expected[:, order]).max() < 1e-9 * np.abs(expected).max(), f"{name} models differ"
-        single = [values[0].copy() for values in (q, qd, given)]
-        peer_single = [values[0].copy() for values in (theirs[0], theirs[1], peer_last)]
+        last, peer_last, column = (
+            (qdd, peer_states[2], columns[2]) if name == "inverse" else (efforts, peer_efforts, columns[3])
+        )
+        expected = np.array(
+            [peer_model(model, data, *sample) for sample in zip(peer_states[0], peer_states[1], peer_last, strict=True)]
+        )
+        last_argument = last if name == "inverse" else last + dynamics.friction(qd)
+        result = our_model(q, qd, last_argument) - (dynamics.friction(qd) if name == "inverse" else 0)
+        assert np.abs(result - expected[:, order]).max() < 1e-9 * np.abs(expected).max(), f"{name} models differ"
+        single = [values[0].copy() for values in (q, qd, last_argument)]
+        peer_single = [values[0].copy() for values in (peer_states[0], peer_states[1], peer_last)]
         yield (
             f"{name}, one call",
-            lambda mine=mine, single=single: mine(*single),
-            lambda one=one, peer_single=peer_single: one(model, data, *peer_single),
+            lambda our_model=our_model, single=single: our_model(*single),
+            lambda peer_model=peer_model, peer_single=peer_single: peer_model(model, data, *peer_single),
             1,
         )
         yield (
             f"{name}, batch of {batch}",
-            lambda mine=mine, given=given: mine(q, qd, given),
-            lambda many=many, column=column: many(1, pool, columns[0], columns[1], column),
+            lambda our_model=our_model, last_argument=last_argument: our_model(q, qd, last_argument),
+            lambda peer_batch=peer_batch, column=column: peer_batch(1, pool, columns[0], columns[1], column),
             batch,
         )
 
 
 def processor_name():
-    """The name of the processor as Linux tells it."""
+    """The name of the processor, from /proc/cpuinfo."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     return next((line.split(":")[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
@@ -102,10 +107,10 @@ def main():
     print("robot_dynamics: the NumPy recursions, without a compiled model; Pinocchio: called from Python, one thread\n")
     print(f"{'':<40} {'robot_dynamics':>16} {'Pinocchio':>12} {'ratio':>8}")
     for robot, urdf in ROBOTS.items():
-        for what, ours, theirs, samples in cases(urdf(), options.batch):
-            mine, peers, ratio = time_both(ours, theirs, options.rounds)
-            per = [f"{t / samples * 1e6:.2f} µs" for t in (mine, peers)]
-            print(f"{robot + ': ' + what:<40} {per[0]:>16} {per[1]:>12} {ratio:>8.1f}")
+        for label, ours, theirs, samples in cases(urdf(), options.batch):
+            our_seconds, peer_seconds, ratio = time_both(ours, theirs, options.rounds)
+            columns = [f"{t / samples * 1e6:.2f} µs" for t in (our_seconds, peer_seconds)]
+            print(f"{robot + ': ' + label:<40} {columns[0]:>16} {columns[1]:>12} {ratio:>8.1f}")
 
 
 if __name__ == "__main__":

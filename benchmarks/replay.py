@@ -1,7 +1,7 @@
-"""Checks of recordings: a million samples of seven joints against the Panda's model, beside Pinocchio called in a loop.
+"""Checks of recordings: a million samples of seven joints against the model of the Panda, beside Pinocchio in a loop.
 
-What is measured: filters, accelerations, predictions and statistics of samples in memory; reading of a bag by itself;
-Pinocchio's `rnea` for as many samples, of which a part is run and the rest is reckoned. And the memory that is taken.
+The times are those of filters, accelerations, predictions and statistics of samples in memory, of reading a bag, and of
+Pinocchio's `rnea` for as many samples, extrapolated from a part of them. The maximum memory is printed too.
 """
 
 import resource
@@ -23,13 +23,18 @@ from robot_dynamics.recordings.drives import direct_drives
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.recording import Recording, open_recording
 
-SAMPLES, RATE, LOOPED, WRITTEN = 1_000_000, 1000.0, 20_000, 50_000
+SAMPLES = 1_000_000
+RATE = 1000.0  # [1/s]
+PEER_SAMPLES = 20_000
+BAG_MESSAGES = 50_000
 
 
 class InMemory(Recording):
-    """A recording that is a chunk of motion, again and again."""
+    """A recording that repeats one chunk of motion."""
 
-    name, notes, expected = "a million samples", (), None
+    name = "a million samples"
+    notes = ()
+    expected = None
 
     def signal_segments(self, statistics=None, rate=None, progress=None):
         rng = np.random.default_rng(0)
@@ -43,45 +48,51 @@ def largest_memory():
 
 
 def seconds(work):
-    """Processor time: other work on the machine does not count."""
+    """Processor time of a function [s], which other work on the machine does not affect."""
     started = time.process_time()
     work()
     return time.process_time() - started
 
 
 def main():
-    dynamics, tolerances = Dynamics(load_robot("panda")), load_tolerances()
+    dynamics = Dynamics(load_robot("panda"))
+    tolerances = load_tolerances()
     drives = direct_drives(dynamics.joint_names)
-    check(InMemory(MESSAGES_PER_CHUNK, (), drives), dynamics, tolerances)  # what is compiled is compiled
+    check(InMemory(MESSAGES_PER_CHUNK, (), drives), dynamics, tolerances)  # compiles the models
     model = pin.buildModelFromXML(shipped_robots()["panda"].read_text())
-    data, states = model.createData(), np.random.default_rng(0).normal(size=(3, LOOPED, 7))
+    data = model.createData()
+    states = np.random.default_rng(0).normal(size=(3, PEER_SAMPLES, 7))
 
     def loop():
         for q, qd, qdd in zip(*states, strict=True):
             pin.rnea(model, data, q, qd, qdd)
 
-    ours, theirs, memory = [], [], []
+    ours = []
+    theirs = []
+    memory = []
     for _ in range(3):
         ours.append(seconds(lambda: check(InMemory(SAMPLES // 4, (), drives), dynamics, tolerances)))
         memory.append(largest_memory())
         ours.append(seconds(lambda: check(InMemory(SAMPLES, (), drives), dynamics, tolerances)))
         memory.append(largest_memory())
-        theirs.append(seconds(loop) * SAMPLES / LOOPED)
-    whole = np.median(ours[1::2])
+        theirs.append(seconds(loop) * SAMPLES / PEER_SAMPLES)
+    seconds_of_all = np.median(ours[1::2])
     print(
-        f"{SAMPLES} samples checked in {whole:.2f} s of a processor, a quarter of them in {np.median(ours[::2]):.2f} s"
+        f"{SAMPLES} samples checked in {seconds_of_all:.2f} s of processor time, "
+        f"a quarter of them in {np.median(ours[::2]):.2f} s"
     )
-    print(f"Pinocchio's rnea alone in a loop: {np.median(theirs):.2f} s, {np.median(theirs) / whole:.2f} times as long")
+    peer_seconds = np.median(theirs)
+    print(f"Pinocchio's rnea alone in a loop: {peer_seconds:.2f} s, {peer_seconds / seconds_of_all:.2f} times as long")
     print(f"memory at most {memory[0]:.0f} MB after a quarter, {memory[-1]:.0f} MB in the end")
     folder = Path(tempfile.mkdtemp())
     try:
-        zero = np.zeros((WRITTEN, 7))
+        zero = np.zeros((BAG_MESSAGES, 7))
         motion = Motion(0.0, RATE, 8.0, zero, zero, zero, zero, zero, np.ones(7, dtype=bool))
         with GoldenWriter(folder / "bag", dynamics.joint_names) as writer:
             writer.add(motion, zero, 1_600_000_000_000_000_000)
         recording = open_recording(folder / "bag", drives)
-        taken = seconds(lambda: sum(map(len, recording.signal_segments())))
-        print(f"reading of a bag: {1e6 * taken / WRITTEN:.1f} µs a message")
+        reading_seconds = seconds(lambda: sum(map(len, recording.signal_segments())))
+        print(f"reading of a bag: {1e6 * reading_seconds / BAG_MESSAGES:.1f} µs a message")
     finally:
         shutil.rmtree(folder)
 

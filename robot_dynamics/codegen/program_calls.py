@@ -1,50 +1,83 @@
-"""From what is asked of Dynamics to the arguments of a program, and from its results to the answer."""
+"""Calls of compiled programs by Dynamics: the arguments of a program, and its first result."""
 
 import time
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike
+from robot_dynamics.codegen.jit.compiled_models import CompiledModels, ProgramKey, RunnableProgram
 from robot_dynamics.codegen.trace.models import BASE_ARGUMENTS
-from robot_dynamics.inputs import base_state, common_batch_shape, require_finite
+from robot_dynamics.inputs import Base, base_state, common_batch_shape, require_finite
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.results import MIN_INERTIA_RATIO
 
 
-def evaluate_model(programs, robot, model, given, question, recursion):
-    """The first result of a model: of its program where it is ready, else of the recursion.
+def evaluate_model(
+    programs: CompiledModels,
+    robot: Robot,
+    model: str,
+    joint_arguments: Mapping[str, Array],
+    options: Mapping[str, object],
+    recursion: Callable[[], Array],
+) -> Array:
+    """The first result of a model, by its program if that is ready, else by the recursion.
 
-    programs: CompiledModels; given: {argument: (..., n)}, checked; question: what `base` and `external_wrenches` are,
-    empty where they have no part in the model. What a program gives that is not finite, or singular, is asked of the
-    recursion, which tells why.
+    Parameters
+    ----------
+    programs : CompiledModels
+    robot : Robot
+    model : str
+        Name of the model.
+    joint_arguments : mapping of str to (..., n)
+        Checked values, in the order of the program's inputs.
+    options : mapping
+        `base` and `external_wrenches` as passed to Dynamics; empty if the model does not depend on them.
+    recursion : callable
+        Computes the result without a program. It is also called where the program's result is not finite or the state
+        is singular, to raise the error that says why.
+
+    Returns
+    -------
+    (..., *shape)
     """
-    base, wrenches = question.get("base"), question.get("external_wrenches") or {}
+    base: Base | None = options.get("base")  # type: ignore[assignment]  # base_arguments checks it
+    wrenches: Mapping[str, ArrayLike] = options.get("external_wrenches") or {}  # type: ignore[assignment]  # as above
     key = program_key(model, robot, base, wrenches)
     program = programs.get_ready(*key)
     if program is None:
         started = time.perf_counter()
-        found = recursion()
+        result = recursion()
         programs.record_time(time.perf_counter() - started, *key)
-        return found
-    arguments = [*given.values(), *base_arguments(model, robot, question, base), *wrench_arguments(robot, wrenches)]
-    found = run_program(program, arguments, common_batch_shape(*arguments))
-    return recursion() if found is None else found
+        return result
+    arguments = [
+        *joint_arguments.values(),
+        *base_arguments(model, robot, options, base),
+        *wrench_arguments(robot, wrenches),
+    ]
+    computed = run_program(program, arguments, common_batch_shape(*arguments))
+    return recursion() if computed is None else computed
 
 
-def program_key(model, robot, base, wrenches):
-    """What CompiledModels knows the program by that answers a question."""
+def program_key(model: str, robot: Robot, base: Base | None, wrenches: Mapping[str, ArrayLike]) -> ProgramKey:
+    """The key in CompiledModels of the program that computes a model for a base and external wrenches."""
     if model not in ("inverse", "direct"):
-        return (model,)
+        return ProgramKey(model)
     prescribed_base = robot.moving_base and getattr(base, "acceleration", None) is not None
     solves = (
         model == "direct"
         or (robot.moving_base and not prescribed_base)
         or any(not joint.actuated for joint in robot.joints)
     )
-    return model, tuple(wrenches), prescribed_base, solves
+    return ProgramKey(model, tuple(wrenches), prescribed_base, solves)
 
 
-def base_arguments(model, robot, question, base):
-    """The arguments (..., 6) and (..., 3) that a model has of the base: twist, gravity, acceleration. Checked."""
-    if not question or (base is None and not robot.moving_base):
+def base_arguments(model: str, robot: Robot, options: Mapping[str, object], base: Base | None) -> list[Array]:
+    """The arguments of a model that describe the base: twist (..., 6), gravity (..., 3), acceleration (..., 6).
+
+    Raises InvalidInputError if the base does not fit the robot.
+    """
+    if not options or (base is None and not robot.moving_base):
         return []
     state = base_state(robot, base)
     if not robot.moving_base:
@@ -56,32 +89,35 @@ def base_arguments(model, robot, question, base):
     return arguments
 
 
-def wrench_arguments(robot, wrenches):
-    """The arrays (..., 6) of external wrenches, in their order."""
-    return [require_finite(f"external wrench on {name!r}", wrench, 6, "force and torque components")
-            for name, wrench in wrenches.items()]  # fmt: skip
+def wrench_arguments(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> list[Array]:
+    """The arrays (..., 6) of external wrenches, in their order. Raises InvalidInputError if one is not finite."""
+    return [
+        require_finite(f"external wrench on {name!r}", wrench, 6, "force and torque components")
+        for name, wrench in wrenches.items()
+    ]
 
 
-def run_program(program, arguments, batch):
-    """The first result (*batch, ...) of a program, None where it is not finite or the state is singular."""
+def run_program(program: RunnableProgram, arguments: Sequence[Array], batch: tuple[int, ...]) -> Array | None:
+    """The first result (*batch, ...) of a program; None where it is not finite or the state is singular."""
     if batch == ():
         results = program.evaluate(*(np.ascontiguousarray(argument) for argument in arguments))
     else:
         samples = int(np.prod(batch))
         if not samples:
             return None
-        results = program.batch(*(_rows(argument, batch, samples) for argument in arguments))
+        results = program.batch(*(_as_rows(argument, batch, samples) for argument in arguments))
     results = results if isinstance(results, tuple) else (results,)
     outputs = program.interface.outputs
     if not np.isfinite(results[0]).all():
         return None
     if outputs[-1][0] == "diagonal" and not (results[-2] > MIN_INERTIA_RATIO * np.abs(results[-1])).all():
         return None
-    return results[0].reshape(*batch, *outputs[0][1])
+    first: Array = results[0].reshape(*batch, *outputs[0][1])
+    return first
 
 
-def _rows(argument, batch, samples):
-    """(samples, size), or (size,) where all samples have the same."""
+def _as_rows(argument: Array, batch: tuple[int, ...], samples: int) -> Array:
+    """An argument (*batch, size) as (samples, size); unchanged if it is (size,), the same for all samples."""
     if argument.ndim == 1:
         return argument
     size = argument.shape[-1]

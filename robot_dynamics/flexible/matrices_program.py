@@ -6,14 +6,14 @@ the other entries once, and its results are copied into templates.
 
 from __future__ import annotations
 
-import logging
-from threading import Lock
+from collections.abc import Callable
+from functools import cache, partial
 from typing import NamedTuple
 
 import numpy as np
 
 from robot_dynamics.array_types import Array, IntArray, ScalarArray
-from robot_dynamics.codegen.jit.background import run_in_background
+from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.codegen.trace.program import Program, build_program
@@ -23,9 +23,9 @@ from robot_dynamics.flexible.matrices import constrained_matrices
 from robot_dynamics.flexible.structure import Structure
 from robot_dynamics.model.robot import Robot
 
-logger = logging.getLogger(__name__)
 MATRIX_NAMES = ("mass", "stiffness", "expansion")
-COMPILE_AFTER = 0.2  # seconds of recursions after which a program is compiled
+COMPILE_THRESHOLD = 0.2
+"""Time spent on matrices by the recursion [s] after which a program is compiled."""
 
 
 class MatrixLayout(NamedTuple):
@@ -77,53 +77,43 @@ class CompiledMatrices(NamedTuple):
 class MatricesProgram:
     """The program of M and K of a Structure, compiled on request or in the background.
 
-    compiled_matrices: CompiledMatrices, None until they are compiled, or where there is no program: the loops are not
-    closed element by element, or no compiler is available.
+    `compiled_matrices` stays None where the loops are not closed element by element, or where no compiler is available.
     """
 
     def __init__(self, structure: Structure, robot: Robot) -> None:
-        self._structure = structure
-        self._robot = robot
-        self._lock = Lock()
-        self._recursion_time = 0.0
-        self._has_started = False
-        self._traced: TracedMatrices | None = None
-        self.compiled_matrices: CompiledMatrices | None = None
+        self._trace = cache(partial(trace_matrices, structure, robot))
+        self._compilation = BackgroundCompilation(
+            partial(_compile_matrices, structure, robot, self._trace),
+            COMPILE_THRESHOLD,
+            f"the matrices of {robot.name!r}",
+            expected_errors=(CompilationError, InvalidInputError),
+        )
 
     @property
     def program(self) -> Program:
         """The Program of the varying entries. Raises InvalidInputError where there is none."""
         return self._trace().program
 
-    def _trace(self) -> TracedMatrices:
-        if self._traced is None:
-            self._traced = trace_matrices(self._structure, self._robot)
-        return self._traced
+    @property
+    def compiled_matrices(self) -> CompiledMatrices | None:
+        """The CompiledMatrices, None until they are compiled."""
+        return self._compilation.program
 
     def compile(self) -> CompiledMatrices:
         """Compile now, or load the program from the cache. Raises CompilationError and InvalidInputError."""
-        with self._lock:
-            if self.compiled_matrices is None:
-                program, layouts, independent = self._trace()
-                key = fingerprint(self._robot, self._structure.coordinates, self._structure.components, MATRIX_NAMES)
-                compiled = (key and load_program(key, lambda: program)) or compile_program(program, key=key)
-                self.compiled_matrices = CompiledMatrices(compiled, layouts, independent)
-            return self.compiled_matrices
+        return self._compilation.get()
 
     def record_duration(self, seconds: float) -> None:
-        """Count the time of a recursion; above COMPILE_AFTER in total, compile in the background."""
-        self._recursion_time += seconds
-        if self._recursion_time > COMPILE_AFTER and not self._has_started:
-            self._has_started = True
-            run_in_background(self._try_compile)
+        """Count the time of a recursion; above COMPILE_THRESHOLD in total, compile in the background."""
+        self._compilation.record_time(seconds)
 
-    def _try_compile(self) -> None:
-        try:
-            self.compile()
-        except (CompilationError, InvalidInputError) as reason:
-            logger.debug("matrices of %r are computed without a program: %s", self._robot.name, reason)
-        except Exception:  # a bug must not end the thread silently; the recursion still works
-            logger.exception("the matrices of %r could not be compiled", self._robot.name)
+
+def _compile_matrices(structure: Structure, robot: Robot, trace: Callable[[], TracedMatrices]) -> CompiledMatrices:
+    """Return the CompiledMatrices of a structure, from the cache or compiled."""
+    program, layouts, independent = trace()
+    key = fingerprint(robot, structure.coordinates, structure.components, MATRIX_NAMES)
+    compiled = (key and load_program(key, lambda: program)) or compile_program(program, key=key)
+    return CompiledMatrices(compiled, layouts, independent)
 
 
 def trace_matrices(structure: Structure, robot: Robot) -> TracedMatrices:

@@ -1,4 +1,4 @@
-"""The operation counts that the README prints are those of the programs."""
+"""The operation counts in the README are those of the programs."""
 
 import re
 from pathlib import Path
@@ -14,9 +14,9 @@ ROBOTS = {"RX90": "rx90", "UR5e": "ur5e", "Panda": "panda", "Puma 560, with fric
 
 
 @pytest.mark.parametrize("title", [*ROBOTS, "Talos, 28 joints"])
-def test_counts_of_the_readme_are_those_of_the_programs(title):
+def test_operation_counts_of_the_readme_agree_with_the_programs(title):
     robot = load_robot(ROBOTS[title] if title in ROBOTS else real_urdf("talos_reduced"))
     row = re.search(rf"^\| {title} \| (\d+) / (\d+) \| (\d+) / (\d+) \|", README, re.MULTILINE)
-    counted = [model(robot).operations for model in (inverse_model, direct_model)]
-    told = [(operations.multiplications, operations.additions) for operations in counted]
-    assert told == [(int(row[1]), int(row[2])), (int(row[3]), int(row[4]))]
+    operation_counts = [model(robot).operations for model in (inverse_model, direct_model)]
+    counts = [(operations.multiplications, operations.additions) for operations in operation_counts]
+    assert counts == [(int(row[1]), int(row[2])), (int(row[3]), int(row[4]))]

@@ -1,19 +1,19 @@
-"""The loop over samples, as LLVM IR text: block after block of as many samples as a vector has lanes.
+"""The loop over samples, as LLVM IR text: blocks of as many samples as a vector has lanes.
 
-Threads that work on one batch take share after share of its samples, each the next that nobody has: none waits for
-another that began late or runs on a busy core.
+Threads that compute one batch take the next chunk of its samples until none is left, so that no thread waits for one
+that started late or runs on a busy core.
 """
 
 from string import Template
 
 
-def batch_function(arrays, lanes):
-    """IR of `@batch(ptr %pointers, ptr %strides, ptr %next, i64 %share, i64 %samples)`, for so many arrays.
+def batch_function(arrays: int, lanes: int) -> str:
+    """IR of `@batch(ptr %pointers, ptr %strides, ptr %next, i64 %chunk, i64 %samples)` for a number of arrays.
 
-    Row i of an array is i strides [bytes] after its pointer. %next: where the number of the first sample lies that is
-    in no share yet; it grows by a share at a time. The last block of a share computes the last sample in every lane
-    that is left over. A sample with an angle out of the vectors' range is computed again by itself. Outputs must not
-    overlap inputs.
+    Row i of an array is i strides [bytes] after its pointer. %next points to the number of the first sample that no
+    thread has taken, which grows by a chunk at a time. Spare lanes of the last block of a chunk compute its last sample
+    again. A sample with an angle out of the range of the vector functions is computed again by `@sample`. Outputs must
+    not overlap inputs.
     """
     rows = "".join(ROW.substitute(array=array) for array in range(arrays))
     return BATCH.substitute(arrays=arrays, lanes=lanes, rows=rows)
@@ -32,12 +32,12 @@ ROW = Template("""
 BATCH = Template("""
 declare void @sample(ptr)
 declare i64 @llvm.smin.i64(i64, i64)
-define void @batch(ptr %pointers, ptr %strides, ptr %next, i64 %share, i64 %samples) noinline {
+define void @batch(ptr %pointers, ptr %strides, ptr %next, i64 %chunk, i64 %samples) noinline {
 entry:
   br label %take
 take:
-  %start = atomicrmw add ptr %next, i64 %share monotonic
-  %all = add i64 %start, %share
+  %start = atomicrmw add ptr %next, i64 %chunk monotonic
+  %all = add i64 %start, %chunk
   %end = call i64 @llvm.smin.i64(i64 %all, i64 %samples)
   %last = sub i64 %end, 1
   %some = icmp slt i64 %start, %samples
@@ -45,11 +45,11 @@ take:
 blocks:
   %first = phi i64 [%start, %take], [%following, %continue]
   %following = add i64 %first, $lanes
-  %wide = call i$lanes @block(ptr %pointers, ptr %strides, i64 %first, i64 %last)
-  %right = icmp eq i$lanes %wide, 0
+  %mask = call i$lanes @block(ptr %pointers, ptr %strides, i64 %first, i64 %last)
+  %right = icmp eq i$lanes %mask, 0
   br i1 %right, label %continue, label %again
 again:
-  call void @one_by_one(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %wide)
+  call void @recompute(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %mask)
   br label %continue
 continue:
   %more = icmp slt i64 %following, %end
@@ -57,24 +57,24 @@ continue:
 done:
   ret void
 }
-define internal void @one_by_one(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %wide) noinline cold {
+define internal void @recompute(ptr %pointers, ptr %strides, i64 %first, i64 %last, i$lanes %mask) noinline cold {
 entry:
   %rows = alloca [$arrays x ptr]
   br label %lanes
 lanes:
   %sample = phi i64 [%first, %entry], [%next, %continue]
-  %left = phi i$lanes [%wide, %entry], [%others, %continue]
-  %this = trunc i$lanes %left to i1
+  %left = phi i$lanes [%mask, %entry], [%rest, %continue]
+  %is_marked = trunc i$lanes %left to i1
   %within = icmp sle i64 %sample, %last
-  %computed = and i1 %this, %within
+  %computed = and i1 %is_marked, %within
   br i1 %computed, label %compute, label %continue
 compute:$rows
   call void @sample(ptr %rows)
   br label %continue
 continue:
   %next = add i64 %sample, 1
-  %others = lshr i$lanes %left, 1
-  %more = icmp ne i$lanes %others, 0
+  %rest = lshr i$lanes %left, 1
+  %more = icmp ne i$lanes %rest, 0
   br i1 %more, label %lanes, label %done
 done:
   ret void

@@ -1,14 +1,15 @@
-"""Object code, and what is to be known of it, kept on disk by a hash of all that it was made from.
+"""Object code and interfaces of programs on disk, named by a hash of everything they were made from.
 
-The directory is $ROBOT_DYNAMICS_CACHE (set and empty: nothing is kept), else robot_dynamics in $XDG_CACHE_HOME or in
-~/.cache. What lies there is run as code: the directory must belong to this user and nobody else may write there, or it
-is left alone. Whatever goes wrong with it costs time and nothing else.
+The directory is $ROBOT_DYNAMICS_CACHE (set and empty: no cache), else robot_dynamics in $XDG_CACHE_HOME or in ~/.cache.
+Its files run as code: the directory must belong to this user and nobody else may write to it, or it is not used. Errors
+of the cache cost time and nothing else.
 """
 
 import contextlib
 import os
 import stat
 import tempfile
+from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
@@ -17,19 +18,19 @@ MAX_FILES = 400
 SUFFIX = ".object"
 
 
-def load(key):
-    """What was stored for a key (text), or None."""
+def load(key: str) -> bytes | None:
+    """The content stored for a key, or None."""
     try:
-        return _unpacked(_read(_file(key)))
+        return _unpack(_read(_path(key)))
     except (OSError, RuntimeError, ValueError):
         return None
 
 
-def store(key, image):
-    """Keep object code (bytes) for a key (text), if it can be kept. Other processes see all of it or nothing."""
+def store(key: str, image: bytes) -> None:
+    """Store content for a key, if there is a cache. Other processes see the whole file or none."""
     with contextlib.suppress(OSError, RuntimeError, ValueError):
-        path = _file(key)
-        _make_room(path.parent)
+        path = _path(key)
+        _remove_old_files(path.parent)
         descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=".", suffix=".new")
         try:
             with open(descriptor, "wb") as file:
@@ -40,48 +41,50 @@ def store(key, image):
             raise
 
 
-def cache_directory():
-    """Where object code is kept. Raises OSError or RuntimeError if it can be kept nowhere."""
-    told = os.environ.get("ROBOT_DYNAMICS_CACHE")
-    if told == "":
-        raise OSError("nothing is to be kept")
-    if told is not None:
-        path = Path(told).expanduser()
+def cache_directory() -> Path:
+    """The directory of the cache, created if needed. Raises OSError or RuntimeError if there is none."""
+    setting = os.environ.get("ROBOT_DYNAMICS_CACHE")
+    if setting == "":
+        raise OSError("the cache is switched off")
+    if setting is not None:
+        path = Path(setting).expanduser()
     else:
         base = os.environ.get("XDG_CACHE_HOME", "")
         path = (Path(base) if os.path.isabs(base) else Path.home() / ".cache") / "robot_dynamics"
     path.mkdir(mode=0o700, parents=True, exist_ok=True)
-    _refuse_strangers(path.stat(), stat.S_ISDIR)
+    _require_private(path.stat(), stat.S_ISDIR)
     return path
 
 
-def _refuse_strangers(status, kind):
-    if not kind(status.st_mode) or status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+def _require_private(status: os.stat_result, is_kind: Callable[[int], bool]) -> None:
+    """Raise OSError unless a file or directory is of a kind, belongs to this user and is writable by no other user."""
+    is_shared = status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    if not is_kind(status.st_mode) or status.st_uid != os.geteuid() or is_shared:
         raise OSError("another user may write to the cache")
 
 
-def _file(key):
+def _path(key: str) -> Path:
     return cache_directory() / (sha256(key.encode()).hexdigest() + SUFFIX)
 
 
-def _read(path):
+def _read(path: Path) -> bytes:
     with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC), "rb") as file:
-        _refuse_strangers(os.fstat(file.fileno()), stat.S_ISREG)
+        _require_private(os.fstat(file.fileno()), stat.S_ISREG)
         return file.read()
 
 
-def _unpacked(content):
-    """The object code of a file. Raises ValueError if it is not whole."""
+def _unpack(content: bytes) -> bytes:
+    """The content without its header. Raises ValueError if it is incomplete or damaged."""
     start = len(MAGIC) + sha256().digest_size
     image = content[start:]
     if content[:start] != MAGIC + sha256(image).digest():
-        raise ValueError("not a whole file of object code")
+        raise ValueError("the file is incomplete or damaged")
     return image
 
 
-def _make_room(path):
-    """Once there are too many files, remove the older half."""
-    files = [entry for entry in os.scandir(path) if entry.name.endswith(SUFFIX)]
+def _remove_old_files(directory: Path) -> None:
+    """Remove the older half of the files once there are MAX_FILES."""
+    files = [entry for entry in os.scandir(directory) if entry.name.endswith(SUFFIX)]
     if len(files) >= MAX_FILES:
         files.sort(key=lambda entry: entry.stat(follow_symlinks=False).st_mtime)
         for entry in files[: MAX_FILES // 2]:

@@ -1,200 +1,287 @@
-"""A straight-line program compiled to machine code: one sample at a time from buffers, or a batch of them."""
+"""A straight-line program compiled to machine code, for one sample in buffers or a batch of samples."""
 
 import ctypes
 import math
 import sys
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from threading import Lock
-from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.jit.constant_folding import fold_constants
-from robot_dynamics.codegen.jit.machine_code import MachineCode
-from robot_dynamics.codegen.jit.runtime import make_python_callable
+from robot_dynamics.codegen.jit.machine_code import MachineCode, TracedProgram
+from robot_dynamics.codegen.jit.runtime import FunctionOwner, make_python_callable
 from robot_dynamics.codegen.jit.threads import run_in_threads
+from robot_dynamics.codegen.trace.program import Interface, Program, ProgramResult
 from robot_dynamics.codegen.trace.scalar import PARAMETER
 from robot_dynamics.errors import CompilationError, InvalidInputError, describe_unknown_name
 
+if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
+    from robot_dynamics.codegen.jit.engine import Library
+
 MIN_WORK_PER_THREAD = 2e7
-"""Statements times samples, about 0.4 ms, below which a thread may take longer to start than it saves."""
+"""Statements times samples, about 0.4 ms; for less, a thread may take longer to start than it saves."""
+
 CHUNKS_PER_THREAD = 16
-"""In which the work is cut, so that no thread has long to wait for the last one."""
+"""Pieces of the work for each thread, so that no thread waits long for the last one."""
+
 BATCH_LOOP_TYPE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_int64)
 
 
-def compile_program(program, parameters=None, key=None):
-    """The CompiledProgram of a Program, for {name: value} of its parameters, which become constants of the code.
+def compile_program(
+    program: Program, parameters: Mapping[str, float] | None = None, key: str | None = None
+) -> "CompiledProgram":
+    """Compile a program.
 
-    key: a text that stands for the program and the values, under which `load_program` finds it again.
+    Parameters
+    ----------
+    program : Program
+    parameters : mapping of str to float, optional
+        Values of the parameters of the program, which become constants of the code.
+    key : str, optional
+        Stands for the program and the values; `load_program` finds the compiled program by it.
 
-    Raises CompilationError where llvmlite is missing or fails, and QuestionError for parameters that do not fit.
+    Returns
+    -------
+    CompiledProgram
+
+    Raises
+    ------
+    CompilationError
+        If llvmlite is missing or fails.
+    InvalidInputError
+        If a parameter is missing, unknown or not finite.
     """
     if not program.outputs:
         raise ValueError(f"{program.name} has no output to compute")
     traced = program, fold_finite_constants(program, parameters or {})
     code = MachineCode(program.interface, lambda: traced, key)
-    made = CompiledProgram(code)
+    compiled = CompiledProgram(code)
     code.save_to_cache()
-    return made
+    return compiled
 
 
-def load_program(key, trace):
-    """The CompiledProgram that was kept for a key, None if there is none.
+def load_program(key: str, trace: Callable[[], Program]) -> "CompiledProgram | None":
+    """Load a program that was compiled with a key.
 
-    trace: a function that gives the Program, without parameters, for when someone asks for its statements. Raises
-    CompilationError where llvmlite fails.
+    Parameters
+    ----------
+    key : str
+    trace : callable
+        Returns the Program, which must have no parameters; called only if its statements are needed.
+
+    Returns
+    -------
+    CompiledProgram or None
+        None if the cache has no program for the key.
+
+    Raises
+    ------
+    CompilationError
+        If llvmlite is missing or fails.
     """
-    code = MachineCode.from_cache(key, lambda: (program := trace(), fold_finite_constants(program, {})))
+
+    def trace_with_constants() -> TracedProgram:
+        program = trace()
+        return program, fold_finite_constants(program, {})
+
+    code = MachineCode.from_cache(key, trace_with_constants)
     return None if code is None else CompiledProgram(code)
 
 
-def fold_finite_constants(program, parameters):
-    """{node: float} of all that a Program knows before a call, for {name: value} of its parameters, all finite."""
+def fold_finite_constants(program: Program, parameters: Mapping[str, float]) -> dict[int, float]:
+    """The value of each node of a Program that is known before a call.
+
+    Parameters
+    ----------
+    program : Program
+    parameters : mapping of str to float
+        Values of the parameters.
+
+    Returns
+    -------
+    dict of int to float
+
+    Raises
+    ------
+    InvalidInputError
+        If a parameter is missing or unknown, or a parameter or setup statement is not finite.
+    """
     for name in parameters:
         if name not in program.parameters:
             raise InvalidInputError(describe_unknown_name(f"parameter of {program.name}", name, program.parameters))
-    known = fold_constants(program, parameters)
+    constants = fold_constants(program, parameters)
     for number, operation, operands in program.leaves:
-        if operation == PARAMETER and not math.isfinite(known[number]):
+        if operation == PARAMETER and not math.isfinite(constants[number]):
             raise InvalidInputError(
-                f"parameter {operands[0]!r} of {program.name} is {known[number]}, and must be finite"
+                f"parameter {operands[0]!r} of {program.name} is {constants[number]}, and must be finite"
             )
     for number, operation, _ in program.setup:
-        if not math.isfinite(known[number]):
+        if not math.isfinite(constants[number]):
             raise InvalidInputError(
-                f"the parameters of {program.name} have no answer: {operation} gives {known[number]}"
+                f"the parameters of {program.name} give no finite constants: {operation} gives {constants[number]}"
             )
-    return known
+    return constants
 
 
 class CompiledProgram:
     """A Program as machine code.
 
-    interface: its name, inputs, outputs and operations.
+    Attributes
+    ----------
+    interface : Interface
+        Name, inputs, outputs and operations of the program.
+    evaluate : callable
+        evaluate(*inputs) returns new arrays, a tuple if there are several outputs; evaluate(*inputs, *outputs) writes
+        to the outputs and returns None. Each argument is a C-contiguous buffer of float64 of any shape with as many
+        numbers as the program needs: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs, but
+        not each other. Raises TypeError for arguments of other types, ValueError for a wrong count or layout, or a
+        read-only output.
 
-    evaluate(*inputs) gives new arrays, one, or a tuple if there are several; evaluate(*inputs, *outputs) writes into
-    the outputs and gives None. Each argument is a C-contiguous buffer of float64 with as many numbers as the program
-    says, of any shape: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs, but not each
-    other. Raises TypeError for what is no such buffer, ValueError for a wrong count, layout or read-only output.
-
-    nan or inf in an input make nan or inf of what depends on it, in that sample alone.
+    Notes
+    -----
+    nan or inf in an input give nan or inf in the outputs that depend on it, in that sample alone.
     """
 
-    def __init__(self, code):
-        self._code, self.interface = code, code.interface
-        self._inputs, self._outputs = list(self.interface.inputs.items()), self.interface.outputs
-        self._lock, self._loop = Lock(), None
-        self._library = _translated(code.sample_library)
-        owner = SimpleNamespace(library=self._library)
-        self.evaluate = make_python_callable(
-            self._library["evaluate"], self.interface.name, _document(self.interface), owner
+    def __init__(self, code: MachineCode) -> None:
+        self.interface: Interface = code.interface
+        self._code = code
+        self._inputs = list(self.interface.inputs.items())
+        self._outputs = self.interface.outputs
+        self._lock = Lock()
+        self._loop: Any = None
+        self._library = _load_library(code.sample_library)
+        self.evaluate: Callable[..., ProgramResult] = make_python_callable(
+            self._library["evaluate"], self.interface.name, _docstring(self.interface), FunctionOwner(self._library)
         )
 
     @property
-    def program(self):
-        """The Program; traced now where the machine code was loaded without it."""
+    def program(self) -> Program:
+        """The Program; traced on first access if the machine code was loaded from the cache."""
         return self._code.program
 
-    def compile_batch(self):
-        """Compile what `batch` runs, if it is not yet; the first `batch` does it otherwise. Raises CompilationError."""
+    def compile_batch(self) -> Any:
+        """Compile the function that `batch` runs, unless it is compiled; the first `batch` does it otherwise.
+
+        Raises CompilationError.
+        """
         with self._lock:
             if self._loop is None:
-                library = _translated(partial(self._code.batch_library, self._library))
+                library = _load_library(partial(self._code.batch_library, self._library))
                 self._loop = BATCH_LOOP_TYPE(library["batch"])
-                self._loop.libraries = library, self._library  # it calls `sample` of the other
+                self._loop.libraries = library, self._library  # the loop calls functions of both
         return self._loop
 
-    def batch(self, *arrays, out=None, threads=1):
-        """The outputs (N, *shape) of N samples, one array or a tuple of several.
+    def batch(self, *arrays: ArrayLike, out: Array | Sequence[Array] | None = None, threads: int = 1) -> ProgramResult:
+        """Compute N samples.
 
-        arrays: of each input (N, size), or (size,) for all samples the same; at least one has N rows. What is not a
-        C-contiguous array of float64 is copied into one. out: arrays of the outputs' shapes to write into, one or a
-        tuple; they may overlap inputs. threads: how many share the work, if it is enough for them; other Python
-        threads go on meanwhile.
+        Parameters
+        ----------
+        *arrays : (N, size) or (size,)
+            One for each input; (size,) is the same for all samples. At least one has N rows. Arrays that are not
+            C-contiguous float64 are copied.
+        out : array or sequence of arrays (N, *shape), optional
+            C-contiguous float64 arrays to write to, one for each output; they may overlap inputs.
+        threads : int
+            Number of threads that share the work, if there is enough for them. Other Python threads continue to run.
 
-        Raises TypeError and ValueError for arguments that do not fit.
+        Returns
+        -------
+        (N, *shape)
+            A tuple if there are several outputs.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument does not fit.
         """
-        given, samples = self._samples(arrays)
-        told = self._results(out, samples)
-        results = [
-            np.empty_like(array)
-            if out is not None and any(np.may_share_memory(array, other) for other in given)
-            else array
-            for array in told
-        ]
-        self._run(given, results, samples, threads)
-        for array, result in zip(told, results, strict=True):
-            if result is not array:
-                array[...] = result
-        return told[0] if len(told) == 1 else tuple(told)
+        inputs, samples = self._check_inputs(arrays)
+        outputs = self._check_outputs(out, samples)
+        results = outputs
+        if out is not None:
+            results = [
+                np.empty_like(output) if any(np.may_share_memory(output, array) for array in inputs) else output
+                for output in outputs
+            ]
+        self._run(inputs, results, samples, threads)
+        for output, result in zip(outputs, results, strict=True):
+            if result is not output:
+                output[...] = result
+        return outputs[0] if len(outputs) == 1 else tuple(outputs)
 
-    def _samples(self, arrays):
-        """(arrays of float64, number of samples) of the arguments of `batch`."""
+    def _check_inputs(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], int]:
+        """The inputs of `batch` as arrays of float64, and the number of samples."""
         if len(arrays) != len(self._inputs):
             names = ", ".join(name for name, _ in self._inputs)
             raise TypeError(f"{self.interface.name} takes {len(self._inputs)} arrays ({names}), not {len(arrays)}")
-        given, rows = [], {}
-        for place, ((name, size), array) in enumerate(zip(self._inputs, arrays, strict=True), start=1):
-            array = np.asarray(array)
-            where = f"{self.interface.name}: argument {place} ({name})"
+        inputs = []
+        rows = {}
+        for number, ((name, size), values) in enumerate(zip(self._inputs, arrays, strict=True), start=1):
+            array = np.asarray(values)
+            argument = f"{self.interface.name}: argument {number} ({name})"
             if array.dtype.kind not in "fiu":
-                raise TypeError(f"{where} must hold float64, not {array.dtype}")
+                raise TypeError(f"{argument} must hold float64, not {array.dtype}")
             if array.shape != (size,) and (array.ndim != 2 or array.shape[1] != size):
-                raise ValueError(f"{where} must have the shape (N, {size}) or ({size},), not {array.shape}")
+                raise ValueError(f"{argument} must have the shape (N, {size}) or ({size},), not {array.shape}")
             if array.ndim == 2:
                 rows[name] = len(array)
-            given.append(np.ascontiguousarray(array, dtype=np.float64))
+            inputs.append(np.ascontiguousarray(array, dtype=np.float64))
         if len(set(rows.values())) != 1:
-            told = ", ".join(f"{name} has {count}" for name, count in rows.items()) or "no array has rows"
-            raise ValueError(f"{self.interface.name}: the arrays must have the same number of samples, but {told}")
-        return given, next(iter(rows.values()))
+            counts = ", ".join(f"{name} has {count}" for name, count in rows.items()) or "no array has rows"
+            raise ValueError(f"{self.interface.name}: the arrays must have the same number of samples, but {counts}")
+        return inputs, next(iter(rows.values()))
 
-    def _results(self, out, samples):
-        """The arrays to write into."""
+    def _check_outputs(self, out: Array | Sequence[Array] | None, samples: int) -> list[Array]:
+        """The arrays to write to: `out` if it fits, new ones if it is None."""
         shapes = [(name, (samples, *shape)) for name, shape in self._outputs]
         if out is None:
             return [np.empty(shape) for _, shape in shapes]
-        told = [out] if isinstance(out, np.ndarray) else list(out)
-        if len(told) != len(shapes):
-            raise ValueError(f"{self.interface.name} writes into {len(shapes)} arrays, not {len(told)}")
-        for (name, shape), array in zip(shapes, told, strict=True):
-            where = f"{self.interface.name}: the array for {name}"
+        outputs = [out] if isinstance(out, np.ndarray) else list(out)
+        if len(outputs) != len(shapes):
+            raise ValueError(f"{self.interface.name} writes to {len(shapes)} arrays, not {len(outputs)}")
+        for (name, shape), array in zip(shapes, outputs, strict=True):
+            argument = f"{self.interface.name}: the array for {name}"
             if not isinstance(array, np.ndarray) or array.dtype != np.float64:
-                raise TypeError(f"{where} must be a NumPy array of float64")
+                raise TypeError(f"{argument} must be a NumPy array of float64")
             if array.shape != shape or not (array.flags.c_contiguous and array.flags.writeable):
-                raise ValueError(f"{where} must be C-contiguous, writable and of the shape {shape}, not {array.shape}")
-        if any(np.may_share_memory(a, b) for place, a in enumerate(told) for b in told[:place]):
-            raise ValueError(f"{self.interface.name}: the arrays to write into must not overlap")
-        return told
+                raise ValueError(
+                    f"{argument} must be C-contiguous, writable and of the shape {shape}, not {array.shape}"
+                )
+        if any(np.may_share_memory(a, b) for index, a in enumerate(outputs) for b in outputs[:index]):
+            raise ValueError(f"{self.interface.name}: the arrays to write to must not overlap")
+        return outputs
 
-    def _run(self, given, results, samples, threads):
-        arrays = [*given, *results]
+    def _run(self, inputs: Sequence[Array], results: Sequence[Array], samples: int, threads: int) -> None:
+        arrays = [*inputs, *results]
         pointers = (ctypes.c_void_p * len(arrays))(*(array.ctypes.data for array in arrays))
-        rows = [array.strides[0] if array.ndim == 2 else 0 for array in given]
-        rows += [8 * math.prod(shape) for _, shape in self._outputs]
-        strides = (ctypes.c_ssize_t * len(rows))(*rows)
+        row_bytes = [array.strides[0] if array.ndim == 2 else 0 for array in inputs]
+        row_bytes += [8 * math.prod(shape) for _, shape in self._outputs]
+        strides = (ctypes.c_ssize_t * len(row_bytes))(*row_bytes)
         loop = self.compile_batch()
 
-        enough = int(samples * max(1, sum(self.interface.operations)) / MIN_WORK_PER_THREAD)
-        threads = max(1, min(threads, enough))
-        shares = threads * CHUNKS_PER_THREAD if threads > 1 else 1
-        share = -(-samples // (8 * shares)) * 8  # whole blocks, of 4 or 8 samples
-        following = ctypes.c_int64(0)
+        useful_threads = int(samples * max(1, sum(self.interface.operations)) / MIN_WORK_PER_THREAD)
+        threads = max(1, min(threads, useful_threads))
+        chunks = threads * CHUNKS_PER_THREAD if threads > 1 else 1
+        chunk = -(-samples // (8 * chunks)) * 8  # whole blocks, of 4 or 8 samples
+        next_sample = ctypes.c_int64(0)
 
-        def work(_arrays=arrays):  # which live as long as a thread works on them
-            loop(pointers, strides, ctypes.byref(following), share, samples)
+        def work(_arrays: Sequence[Array] = arrays) -> None:  # keeps the arrays alive while a thread uses them
+            loop(pointers, strides, ctypes.byref(next_sample), chunk, samples)
 
         run_in_threads(work, threads)
 
 
-def _document(interface):
+def _docstring(interface: Interface) -> str:
     arguments = ", ".join([*interface.inputs, *(name for name, _ in interface.outputs)])
-    return f"{interface.name}({arguments})\n\nWithout the outputs it gives new arrays; see CompiledProgram."
+    return f"{interface.name}({arguments})\n\nWithout the outputs it returns new arrays; see CompiledProgram."
 
 
-def _translated(load):
-    """What `load` gives, or CompilationError for whatever stops it."""
+def _load_library(load: "Callable[[], Library]") -> "Library":
+    """The result of `load`. Raises CompilationError for the errors that may stop it."""
     if sys.implementation.name != "cpython" or ctypes.sizeof(ctypes.c_void_p) != 8:
         raise CompilationError("compiled programs need CPython on a 64-bit machine")
     try:

@@ -1,26 +1,43 @@
-"""What is known of a program before a call: its constants, its parameters, and what follows from them."""
+"""Values of a program that are known before a call: constants, parameters, and the setup that follows from them."""
 
 import functools
 import math
 import operator
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from robot_dynamics.codegen.emit.code_text import FUNCTIONS, INFIX
 from robot_dynamics.codegen.emit.python_source import HELPERS
-from robot_dynamics.codegen.trace.program import constant_values
+from robot_dynamics.codegen.trace.program import Program, constant_values
 from robot_dynamics.codegen.trace.scalar import PARAMETER
 from robot_dynamics.errors import InvalidInputError
 
 
-def fold_constants(program, parameters=None):
-    """{node: float} of constants, of parameters {name: value} and of the setup; NaN and infinities as they come.
+def fold_constants(program: Program, parameters: Mapping[str, float] | None = None) -> dict[int, float]:
+    """The value of each constant, parameter and setup statement, by node number.
 
-    Raises QuestionError where a parameter has no value; more than the program's may be among them.
+    Parameters
+    ----------
+    program : Program
+    parameters : mapping of str to float, optional
+        Values of the parameters of the program; further names are ignored.
+
+    Returns
+    -------
+    dict of int to float
+        May contain NaN and infinities.
+
+    Raises
+    ------
+    InvalidInputError
+        If a parameter has no value.
     """
     parameters = parameters or {}
     missing = [name for name in program.parameters if name not in parameters]
     if missing:
         raise InvalidInputError(f"{program.name} needs a value for {', '.join(map(repr, missing[:40]))}")
-    values, operations = constant_values(program), _careful_operations()
+    values = constant_values(program)
+    operations = _safe_operations()
     for number, operation, operands in program.leaves:
         if operation == PARAMETER:
             values[number] = float(parameters[operands[0]])
@@ -30,10 +47,11 @@ def fold_constants(program, parameters=None):
 
 
 @functools.cache
-def _careful_operations():
-    """{operation: function} with the results of compiled code, never an exception."""
-    scope = {"math": math}
+def _safe_operations() -> dict[str, Callable[..., float]]:
+    """The function of each operation, with the results of compiled code instead of exceptions."""
+    scope: dict[str, Any] = {"math": math}
     exec("\n".join(HELPERS.values()), scope)
-    operations = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": scope["divide"]}
-    found = {operation: operations[sign] for operation, sign in INFIX.items()}
-    return found | {operation: scope[name] for operation, name in FUNCTIONS.items()}
+    infix = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": scope["divide"]}
+    operations: dict[str, Callable[..., float]] = {name: infix[symbol] for name, symbol in INFIX.items()}
+    operations.update((name, scope[function]) for name, function in FUNCTIONS.items())
+    return operations

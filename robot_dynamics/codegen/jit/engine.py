@@ -1,8 +1,8 @@
-"""From LLVM IR text to addresses of functions, by llvmlite: compiled for this processor, or taken from the cache."""
+"""LLVM IR text to addresses of functions, by llvmlite: compiled for this processor or loaded from the cache."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import llvmlite
 import llvmlite.binding as llvm
@@ -13,26 +13,27 @@ OPTIMIZATION_LEVEL = 2
 
 
 @cache
-def host_target():
-    """(triple, name of the processor, its features as LLVM writes them)."""
+def host_target() -> tuple[str, str, str]:
+    """Triple, name and features of this processor, as LLVM writes them."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     return llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def has_fused_multiply_add():
+def has_fused_multiply_add() -> bool:
     """Whether the processor has a fused multiply-add."""
     triple, _, features = host_target()
     return triple.startswith(("aarch64", "arm64")) or "+fma" in features.split(",")
 
 
-def vector_lanes():
-    """Samples in a vector: eight where a register holds as many, else four, which fill two of AVX2 or NEON's four."""
+def vector_lanes() -> int:
+    """Samples in a vector: eight with AVX-512, else four."""
     return 8 if "+avx512f" in host_target()[2].split(",") else 4
 
 
-def target_machine():
-    # all references are relative to the code, so that constants take no instruction of their own
+def target_machine() -> Any:
+    """The llvmlite TargetMachine of this processor."""
+    # all references are relative to the code, so that constants need no instruction of their own
     triple, processor, features = host_target()
     target = llvm.Target.from_triple(triple)
     return target.create_target_machine(
@@ -41,18 +42,27 @@ def target_machine():
 
 
 class Module(NamedTuple):
-    """LLVM IR to compile. key: stands for the text, on this kind of machine; text: a function that gives it."""
+    """LLVM IR to compile.
+
+    Attributes
+    ----------
+    key : str
+        Stands for the text in the cache.
+    text : callable
+        Returns the text; called only if it must be compiled.
+    """
 
     key: str
-    text: Callable
+    text: Callable[[], str]
 
     @classmethod
-    def from_text(cls, text):
+    def from_text(cls, text: str) -> "Module":
+        """A Module whose text is its own key."""
         return cls(text, lambda: text)
 
 
-def object_code(module, recompile=False):
-    """Object code of a Module, from the cache if it was compiled before and is not asked for anew."""
+def object_code(module: Module, recompile: bool = False) -> bytes:
+    """Object code of a Module, from the cache unless it is missing there or `recompile` is set."""
     versions = llvmlite.__version__, str(llvm.llvm_version_info), str(OPTIMIZATION_LEVEL)
     key = "\n".join([*versions, *host_target(), module.key])
     image = None if recompile else load(key)
@@ -62,29 +72,40 @@ def object_code(module, recompile=False):
     return image
 
 
-def compile_ir(text):
-    """Object code of IR text. Of LLVM's passes only what must be inlined is: a trace has nothing left to simplify."""
-    module, made = llvm.parse_assembly(text), target_machine()
-    module.triple, module.data_layout = host_target()[0], str(made.target_data)
+def compile_ir(text: str) -> bytes:
+    """Object code of IR text. Of LLVM's passes only forced inlining runs: a trace has nothing left to simplify."""
+    machine = target_machine()
+    module = llvm.parse_assembly(text)
+    module.triple = host_target()[0]
+    module.data_layout = str(machine.target_data)
     options = llvm.create_pipeline_tuning_options(speed_level=0)
-    builder = llvm.create_pass_builder(made, options)
+    builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
-    return made.emit_object(module)
+    image: bytes = machine.emit_object(module)
+    return image
 
 
 class Library:
-    """Modules in memory, linked, for as long as this lives: addresses by name of what is exported.
+    """Modules that are linked in memory for the lifetime of this object; `library[name]` is the address of an export.
 
-    modules: Modules. exports: names. imports: {name: address} of what lies elsewhere.
+    Parameters
+    ----------
+    modules : iterable of Module
+    exports : iterable of str
+        Names of functions and variables of the modules.
+    imports : mapping of str to int
+        Addresses of names that the modules use and do not define.
     """
 
-    def __init__(self, modules, exports, imports=()):
+    def __init__(self, modules: Iterable[Module], exports: Iterable[str], imports: Mapping[str, int] | None = None):
+        modules = list(modules)
+        imports = dict(imports or {})
         try:
-            self._link([object_code(module) for module in modules], exports, dict(imports))
-        except RuntimeError:  # something was kept that is whole and yet no good
-            self._link([object_code(module, recompile=True) for module in modules], exports, dict(imports))
+            self._link([object_code(module) for module in modules], exports, imports)
+        except RuntimeError:  # a complete file in the cache that is not valid object code
+            self._link([object_code(module, recompile=True) for module in modules], exports, imports)
 
-    def _link(self, images, exports, imports):
+    def _link(self, images: Iterable[bytes], exports: Iterable[str], imports: Mapping[str, int]) -> None:
         self._jit = llvm.create_lljit_compiler(target_machine(), use_jit_link=True, suppress_errors=True)
         builder = llvm.JITLibraryBuilder()
         for image in images:
@@ -95,5 +116,6 @@ class Library:
             builder.import_symbol(name, address)
         self._tracker = builder.link(self._jit, "program")
 
-    def __getitem__(self, name):
-        return self._tracker[name]
+    def __getitem__(self, name: str) -> int:
+        address: int = self._tracker[name]
+        return address

@@ -1,9 +1,10 @@
-"""The Python function of a program, as LLVM IR text: one for all programs, beside a table of each one's arguments.
+"""The Python function of a program, as LLVM IR text: the same for all programs, with a table of arguments for each.
 
-It checks its arguments itself, because a check written in Python takes longer than most models. What may run other
-Python code (buffers, new arrays) comes before the first look at where an array's numbers are.
+The function checks its arguments itself, because checks in Python take longer than most models. Everything that may run
+other Python code (buffers, new arrays) is done before the address of any array is read.
 """
 
+from collections.abc import Mapping
 from math import prod
 from string import Template
 
@@ -15,32 +16,34 @@ TYPES = """
 %argument = type {i64, ptr, ptr, i32, i32} ; count of numbers, name, shape, axes, flags of NumPy that it needs
 """
 
-CONTIGUOUS, WRITABLE = 0x0001, 0x0400
+CONTIGUOUS = 0x0001
+WRITABLE = 0x0400
 """Flags of a NumPy array."""
 
 
-def entry_point_text():
-    """IR of `@evaluate`, which is to be linked with a program's `@sample` and signature.
+def entry_point_text() -> str:
+    """IR of `@evaluate`, which is linked with the `@sample` and the signature of a program.
 
-    Called with the inputs alone it gives new arrays (one, or a tuple of several); with the outputs too it writes into
-    these and gives None.
+    Called with the inputs alone it returns new arrays (one, or a tuple of several); called with arrays for the outputs
+    too, it writes to these and returns None.
     """
     table = f"@runtime = global [{len(SLOTS)} x ptr] zeroinitializer"
     return "\n".join([TYPES, table, EXTERNAL, argument_checks(), ENTRY.substitute(TEMPLATE_FIELDS)])
 
 
-def signature(name, inputs, outputs):
-    """IR of `@signature` and `@arguments`: {name: size} of the inputs, {name: shape} of the outputs."""
+def signature(name: str, inputs: Mapping[str, int], outputs: Mapping[str, tuple[int, ...]]) -> str:
+    """IR of `@signature` and `@arguments`, from the sizes of the inputs and the shapes of the outputs."""
     arrays = len(inputs) + len(outputs)
     usage = f"{name} takes ({', '.join(inputs)}), or these and ({', '.join(outputs)}) to write to: "
     usage = usage.replace("%", "%%") + f"{len(inputs)} or {arrays} arrays, not %zd"
-    lines, arguments = [TYPES, c_string("name", name), c_string("usage", usage)], []
+    lines = [TYPES, c_string("name", name), c_string("usage", usage)]
+    arguments = []
     shapes = [*((key, (size,)) for key, size in inputs.items()), *outputs.items()]
-    for place, (key, shape) in enumerate(shapes):
+    for index, (key, shape) in enumerate(shapes):
         sizes = ", ".join(f"i64 {size}" for size in shape)
-        lines += [c_string(f"name{place}", key), f"@shape{place} = private constant [{len(shape)} x i64] [{sizes}]"]
-        needed = CONTIGUOUS if place < len(inputs) else CONTIGUOUS | WRITABLE
-        fields = f"i64 {prod(shape)}, ptr @name{place}, ptr @shape{place}, i32 {len(shape)}, i32 {needed}"
+        lines += [c_string(f"name{index}", key), f"@shape{index} = private constant [{len(shape)} x i64] [{sizes}]"]
+        needed = CONTIGUOUS if index < len(inputs) else CONTIGUOUS | WRITABLE
+        fields = f"i64 {prod(shape)}, ptr @name{index}, ptr @shape{index}, i32 {len(shape)}, i32 {needed}"
         arguments.append(f"%argument {{{fields}}}")
     counts = f"i64 {len(inputs)}, i64 {arrays}, i64 {len(outputs)}"
     return "\n".join(
@@ -59,10 +62,10 @@ declare void @sample(ptr)
 """
 
 ENTRY = Template("""
-define internal ptr @new_array(i64 %place) noinline {
-  %shape.at = getelementptr %argument, ptr @arguments, i64 %place, i32 2
+define internal ptr @new_array(i64 %index) noinline {
+  %shape.at = getelementptr %argument, ptr @arguments, i64 %index, i32 2
   %shape = load ptr, ptr %shape.at
-  %axes.at = getelementptr %argument, ptr @arguments, i64 %place, i32 3
+  %axes.at = getelementptr %argument, ptr @arguments, i64 %index, i32 3
   %axes = load i32, ptr %axes.at
   %new = load ptr, ptr $PyArray_New
   %type = load ptr, ptr $ndarray
@@ -70,13 +73,13 @@ define internal ptr @new_array(i64 %place) noinline {
   ret ptr %array
 }
 
-; What was called with the inputs alone gives: one new array, or a tuple of them, to which their references pass.
+; The result of a call with the inputs alone: one new array, or a tuple that takes over their references.
 define internal ptr @new_result(ptr %arrays) noinline {
 entry:
   %results = load i64, ptr getelementptr (%signature, ptr @signature, i64 0, i32 2)
   %single = icmp eq i64 %results, 1
-  br i1 %single, label %one, label %several
-one:
+  br i1 %single, label %single_array, label %several
+single_array:
   %array = load ptr, ptr %arrays
   ret ptr %array
 several:
@@ -86,18 +89,18 @@ several:
   %failed = icmp eq ptr %tuple, null
   br i1 %failed, label %done, label %items
 items:
-  %place = phi i64 [0, %several], [%next, %items]
-  %item.at = getelementptr ptr, ptr %arrays, i64 %place
+  %index = phi i64 [0, %several], [%next, %items]
+  %item.at = getelementptr ptr, ptr %arrays, i64 %index
   %item = load ptr, ptr %item.at
-  %ignored = call i32 %set(ptr %tuple, i64 %place, ptr %item)
-  %next = add i64 %place, 1
+  %ignored = call i32 %set(ptr %tuple, i64 %index, ptr %item)
+  %next = add i64 %index, 1
   %more = icmp slt i64 %next, %results
   br i1 %more, label %items, label %done
 done:
   ret ptr %tuple
 }
 
-define ptr @evaluate(ptr %self, ptr %given, i64 %count) noinline {
+define ptr @evaluate(ptr %self, ptr %arguments, i64 %count) noinline {
 entry:
   %inputs = load i64, ptr @signature
   %arrays = load i64, ptr getelementptr (%signature, ptr @signature, i64 0, i32 1)
@@ -115,22 +118,22 @@ usage:
   call ptr (ptr, ptr, ...) %format(ptr %TypeError, ptr %usage.text, i64 %count)
   ret ptr null
 
-collect: ; the objects, given or new, of which none has a view as yet
+collect: ; the objects, passed or new; no view is acquired yet
   %c = phi i64 [0, %entry], [%c.next, %collected]
   %c.object.at = getelementptr ptr, ptr %objects, i64 %c
   %c.owner.at = getelementptr [$view_words x i64], ptr %views, i64 %c, i64 1
   store ptr null, ptr %c.owner.at
-  %c.is_given = icmp slt i64 %c, %count
-  br i1 %c.is_given, label %take, label %make
+  %c.is_argument = icmp slt i64 %c, %count
+  br i1 %c.is_argument, label %take, label %make
 take:
-  %c.given.at = getelementptr ptr, ptr %given, i64 %c
-  %c.given = load ptr, ptr %c.given.at
+  %c.argument.at = getelementptr ptr, ptr %arguments, i64 %c
+  %c.argument = load ptr, ptr %c.argument.at
   br label %collected
 make:
   %c.new = call ptr @new_array(i64 %c)
   br label %collected
 collected:
-  %c.object = phi ptr [%c.given, %take], [%c.new, %make]
+  %c.object = phi ptr [%c.argument, %take], [%c.new, %make]
   store ptr %c.object, ptr %c.object.at
   %c.next = add i64 %c, 1
   %c.more = icmp slt i64 %c.next, %arrays
@@ -148,7 +151,7 @@ check_next:
   %m.more = icmp slt i64 %m.next, %arrays
   br i1 %m.more, label %check_made, label %view
 
-view: ; of all that is not read where it lies
+view: ; acquire the buffers of objects that are not read directly
   %v = phi i64 [0, %made], [0, %check_next], [%v.next, %viewed]
   %v.object.at = getelementptr ptr, ptr %objects, i64 %v
   %v.object = load ptr, ptr %v.object.at
@@ -201,7 +204,7 @@ none:
   call void %increase(ptr %none.object)
   br label %finish
 
-finish: ; the views are released; new arrays that go to nobody too
+finish: ; release the views, and new arrays that are not returned
   %result = phi ptr [null, %check_made], [null, %acquire], [null, %in_array], [%new.result, %new], [%none.object, %none]
   %failed = icmp eq ptr %result, null
   %unused = and i1 %failed, %fresh

@@ -1,8 +1,10 @@
-"""The two functions of a program in LLVM IR: of one sample, and of as many samples as a vector has lanes.
+"""The two functions of a program in LLVM IR: for one sample, and for as many samples as a vector has lanes.
 
-Both read all inputs before they write an output. A long program is cut into parts, each a function of its own, because
-the time to compile a function grows faster than its length; what a part leaves to later ones lies in memory.
+Both read all inputs before they write an output. A long program is split into parts, each a function of its own,
+because the time to compile a function grows faster than its length. %scratch has the values that later parts read.
 """
+
+from collections.abc import Callable, Mapping, Sequence
 
 from robot_dynamics.codegen.jit.ir_writer import IRWriter
 from robot_dynamics.codegen.jit.row_transpose import (
@@ -12,103 +14,111 @@ from robot_dynamics.codegen.jit.row_transpose import (
     row_pointers,
     write_columns,
 )
-from robot_dynamics.codegen.jit.schedule import SINCOS, STORE, group_sincos, list_steps, split_into_parts
+from robot_dynamics.codegen.jit.schedule import SINCOS, STORE, Part, Step, group_sincos, list_steps, split_into_parts
 from robot_dynamics.codegen.jit.sincos import out_of_range_mask, vector_type
+from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.codegen.trace.scalar import INPUT
 
 MAX_PART_LENGTH = 5000
 MAX_SINCOS_GROUP = 8
 
 
-def input_nodes(program):
-    """{name: {place: node}} of the entries of inputs that the program reads."""
-    places = {name: {} for name in program.inputs}
+def input_nodes(program: Program) -> dict[str, dict[int, int]]:
+    """Nodes of the entries that the program reads, by name of the input and position in it."""
+    nodes: dict[str, dict[int, int]] = {name: {} for name in program.inputs}
     for leaf in program.leaves:
         if leaf.operation == INPUT:
-            name, place = leaf.operands
-            places[name][place] = leaf.number
-    return places
+            name, position = leaf.operands
+            nodes[name][position] = leaf.number
+    return nodes
 
 
 class SampleWriter(IRWriter):
-    """One sample: %pointers leads to the address of each input, then of each output."""
+    """The function of one sample: %pointers has the address of each input, then of each output."""
 
-    def __init__(self, program, known, slots):
-        super().__init__(program, known, slots, 1)
-        self.return_type = "void"
+    return_type = "void"
 
-    def array(self, place):
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int]) -> None:
+        super().__init__(program, constants, slots, 1)
+
+    def array(self, number: int) -> str:
+        """The address of an array."""
         self.lines += [
-            f"%array{place}.at = getelementptr inbounds ptr, ptr %pointers, i64 {place}",
-            f"%array{place} = load ptr, ptr %array{place}.at, align 8",
+            f"%array{number}.at = getelementptr inbounds ptr, ptr %pointers, i64 {number}",
+            f"%array{number} = load ptr, ptr %array{number}.at, align 8",
         ]
-        return f"%array{place}"
+        return f"%array{number}"
 
-    def load(self, step):
+    def load(self, step: Step) -> None:
         for array, nodes in enumerate(input_nodes(self.program).values()):
             pointer = self.array(array)
-            for place, node in nodes.items():
+            for position, node in nodes.items():
                 self.lines += [
-                    f"%v{node}.at = getelementptr inbounds double, ptr {pointer}, i64 {place}",
+                    f"%v{node}.at = getelementptr inbounds double, ptr {pointer}, i64 {position}",
                     f"%v{node} = load double, ptr %v{node}.at, align 1",
                 ]
 
-    def store(self, step):
+    def store(self, step: Step) -> None:
         values = [self.signed(node, sign) for output in self.program.outputs for node, sign in output.entries]
         values.reverse()
         for array, output in enumerate(self.program.outputs, start=len(self.program.inputs)):
             pointer = self.array(array)
-            for place in range(len(output.entries)):
-                at = f"%out{array}.{place}"
+            for position in range(len(output.entries)):
+                address = f"%out{array}.{position}"
                 self.lines += [
-                    f"{at} = getelementptr inbounds double, ptr {pointer}, i64 {place}",
-                    f"store double {values.pop()}, ptr {at}, align 1",
+                    f"{address} = getelementptr inbounds double, ptr {pointer}, i64 {position}",
+                    f"store double {values.pop()}, ptr {address}, align 1",
                 ]
 
-    def sincos(self, step):
-        """All angles of the step in one vector, as wide as it takes."""
+    def sincos(self, step: Step) -> None:
+        """Emit the sines and cosines of all angles of the step in one vector of sufficient width."""
         lanes = vector_width(len(step.operands))
-        V, name = vector_type(lanes), f"%angles{step.operands[0]}"
+        V = vector_type(lanes)
+        name = f"%angles{step.operands[0]}"
         packed = "zeroinitializer"
-        for lane, node in enumerate(step.operands):
-            self.lines.append(f"{name}.{lane} = insertelement {V} {packed}, double {self.value(node)}, i64 {lane}")
+        for lane, angle in enumerate(step.operands):
+            self.lines.append(f"{name}.{lane} = insertelement {V} {packed}, double {self.value(angle)}, i64 {lane}")
             packed = f"{name}.{lane}"
         self.lines.append(f"{name}.both = call {{{V}, {V}}} @sincos_anywhere{lanes}({V} {packed})")
-        for which, nodes in enumerate((step.results[::2], step.results[1::2])):
-            self.lines.append(f"{name}.{'sc'[which]} = extractvalue {{{V}, {V}}} {name}.both, {which}")
+        for index, letter, nodes in ((0, "s", step.results[::2]), (1, "c", step.results[1::2])):
+            self.lines.append(f"{name}.{letter} = extractvalue {{{V}, {V}}} {name}.both, {index}")
             self.lines += [
-                f"%v{node} = extractelement {V} {name}.{'sc'[which]}, i64 {lane}"
+                f"%v{node} = extractelement {V} {name}.{letter}, i64 {lane}"
                 for lane, node in enumerate(nodes)
                 if node is not None
             ]
 
-    def result(self):
+    def result(self) -> str:
         return ""
 
-    def combine_results(self, lines, results):
+    def combine_results(self, lines: list[str], results: Sequence[str]) -> str:
         return ""
 
 
 class BlockWriter(IRWriter):
-    """A sample in each lane: lane i has sample %first + i, or %last if that is less, of arrays whose rows are samples.
+    """The function of a block of samples: lane i computes sample %first + i, or %last if that is less.
 
-    Gives the lanes of which some angle was out of range: there the outputs are wrong.
+    Each row of an array is a sample. The function returns a bit for each lane in which some angle was out of range: the
+    outputs of such lanes are wrong.
     """
 
-    def __init__(self, program, known, slots, lanes):
-        super().__init__(program, known, slots, lanes)
-        self.return_type, self.out_of_range, self.prefetch_lines, self.prefetched = f"i{lanes}", [], [], 0
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
+        super().__init__(program, constants, slots, lanes)
+        self.return_type = f"i{lanes}"
+        self.out_of_range: list[str] = []
+        self.prefetch_lines: list[list[str]] = []
+        self.prefetched = 0
 
-    def load(self, step):
+    def load(self, step: Step) -> None:
         for array, (name, nodes) in enumerate(input_nodes(self.program).items()):
             if nodes:
                 self.lines += row_pointers(array, self.lanes)
                 self.lines += read_columns(array, self.program.inputs[name], nodes, self.lanes)
 
-    def write(self, part):
-        """The lines of a Part; the last one fetches what the next block reads.
+    def write(self, part: Part) -> list[str]:
+        """The lines of a Part; the last part prefetches the inputs of the next block.
 
-        The processor foresees what is read in order, but not where a block takes as long as those of large robots.
+        The processor itself prefetches what is read in order, but not over blocks as long as those of large robots.
         """
         if part.steps[-1].operation == STORE:
             for array, (name, nodes) in enumerate(input_nodes(self.program).items()):
@@ -117,80 +127,89 @@ class BlockWriter(IRWriter):
                     self.prefetch_lines += prefetch_lines(array, self.program.inputs[name], self.lanes)
         return super().write(part)
 
-    def emit_prefetches(self, done):
-        """A few fetches at a time, so that loads need not wait for them."""
-        until = round(len(self.prefetch_lines) * done)
-        for lines in self.prefetch_lines[self.prefetched : until]:
+    def emit_prefetches(self, done: float) -> None:
+        """Emit prefetches evenly over the part, so that they do not delay loads."""
+        end = round(len(self.prefetch_lines) * done)
+        for lines in self.prefetch_lines[self.prefetched : end]:
             self.lines += lines
-        self.prefetched = until
+        self.prefetched = end
 
-    def store(self, step):
+    def store(self, step: Step) -> None:
         values = [[self.signed(node, sign) for node, sign in output.entries] for output in self.program.outputs]
         for array, columns in enumerate(values, start=len(self.program.inputs)):
             if columns:
                 self.lines += row_pointers(array, self.lanes)
                 self.lines += write_columns(array, columns, self.lanes)
 
-    def sincos(self, step):
-        angle, V = self.value(step.operands[0]), self.type
+    def sincos(self, step: Step) -> None:
+        angle = self.value(step.operands[0])
+        V = self.type
         name = f"%angle{step.operands[0]}"
         self.lines += [
             *out_of_range_mask(f"{name[1:]}.wide", angle, self.lanes),
             f"{name}.both = call {{{V}, {V}}} @sincos{self.lanes}({V} {angle})",
         ]
         self.out_of_range.append(f"{name}.wide")
-        for which, node in enumerate(step.results):
+        for index, node in enumerate(step.results):
             if node is not None:
-                self.lines.append(f"%v{node} = extractvalue {{{V}, {V}}} {name}.both, {which}")
+                self.lines.append(f"%v{node} = extractvalue {{{V}, {V}}} {name}.both, {index}")
 
-    def result(self):
+    def result(self) -> str:
         return self.combine_results(self.lines, self.out_of_range)
 
-    def combine_results(self, lines, results):
-        """Appends lines for the bits that are set in any of the results, and gives the operand that has them."""
-        joined = "0"
-        for place, mask in enumerate(results):
-            lines.append(f"%any{place} = or {self.return_type} {joined}, {mask}")
-            joined = f"%any{place}"
-        return joined
+    def combine_results(self, lines: list[str], results: Sequence[str]) -> str:
+        """Append lines for the bits that are set in any result, and return the operand that has them."""
+        combined = "0"
+        for number, mask in enumerate(results):
+            lines.append(f"%any{number} = or {self.return_type} {combined}, {mask}")
+            combined = f"%any{number}"
+        return combined
 
 
-def vector_width(count):
-    """The least power of two, from 2, that is not below a count."""
+def vector_width(count: int) -> int:
+    """The smallest power of two, from 2, that is not below a count."""
     return max(2, 1 << (count - 1).bit_length())
 
 
-def sample_function(program, known):
-    """IR of `@sample(ptr %pointers)`, and the widths of vectors that it takes sines and cosines of."""
+def sample_function(program: Program, constants: Mapping[int, float]) -> tuple[str, set[int]]:
+    """IR of `@sample(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
     steps = group_sincos(list_steps(program), MAX_SINCOS_GROUP)
     widths = {vector_width(len(step.operands)) for step in steps if step.operation == SINCOS}
     parts = split_into_parts(steps, MAX_PART_LENGTH)
-    return _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, known, slots)), widths
+    text = _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
+    return text, widths
 
 
-def block_function(program, known, lanes):
+def block_function(program: Program, constants: Mapping[int, float], lanes: int) -> str:
     """IR of `@block(ptr %pointers, ptr %strides, i64 %first, i64 %last)`, see BlockWriter. Strides are in bytes."""
     parts = split_into_parts(list_steps(program), MAX_PART_LENGTH)
     arguments = "ptr %pointers, ptr %strides, i64 %first, i64 %last"
-    return _function("block", arguments, parts, lambda slots: BlockWriter(program, known, slots, lanes))
+    return _function("block", arguments, parts, lambda slots: BlockWriter(program, constants, slots, lanes))
 
 
-def _function(name, arguments, parts, writer_of):
+def _function(
+    name: str, arguments: str, parts: Sequence[Part], make_writer: Callable[[Mapping[int, int]], IRWriter]
+) -> str:
+    """IR of a function, with one internal function for each part if there are several."""
     if len(parts) == 1:
-        writer = writer_of({})
-        return _defined("define", writer.return_type, f"@{name}({arguments})", writer.write(parts[0]), writer.result())
-    slots = {node: place for place, node in enumerate(node for part in parts for node in part.live_out)}
-    texts, calls, results = [], [], []
-    for place, part in enumerate(parts):
-        writer = writer_of(slots)
-        head = f"@{name}.{place}({arguments}, ptr %scratch)"
-        texts.append(_defined("define internal", writer.return_type, head, writer.write(part), writer.result()))
-        calls.append(f"{'' if writer.return_type == 'void' else f'%part{place} = '}call {writer.return_type} {head}")
-        results.append(f"%part{place}")
+        writer = make_writer({})
+        lines = writer.write(parts[0])
+        return _definition("define", writer.return_type, f"@{name}({arguments})", lines, writer.result())
+    slots = {node: index for index, node in enumerate(node for part in parts for node in part.live_out)}
+    definitions, calls, results = [], [], []
+    for number, part in enumerate(parts):
+        writer = make_writer(slots)
+        head = f"@{name}.{number}({arguments}, ptr %scratch)"
+        lines = writer.write(part)
+        definitions.append(_definition("define internal", writer.return_type, head, lines, writer.result()))
+        assignment = "" if writer.return_type == "void" else f"%part{number} = "
+        calls.append(f"{assignment}call {writer.return_type} {head}")
+        results.append(f"%part{number}")
     lines = [f"%scratch = alloca [{len(slots)} x {writer.type}], align 64", *calls]
     result = writer.combine_results(lines, results)
-    return "\n".join([*texts, _defined("define", writer.return_type, f"@{name}({arguments})", lines, result)])
+    definitions.append(_definition("define", writer.return_type, f"@{name}({arguments})", lines, result))
+    return "\n".join(definitions)
 
 
-def _defined(linkage, gives, head, lines, result):
-    return "\n".join([f"{linkage} {gives} {head} noinline {{", *lines, f"ret {gives} {result}", "}"])
+def _definition(linkage: str, return_type: str, head: str, lines: Sequence[str], result: str) -> str:
+    return "\n".join([f"{linkage} {return_type} {head} noinline {{", *lines, f"ret {return_type} {result}", "}"])

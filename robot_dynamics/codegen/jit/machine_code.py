@@ -1,8 +1,10 @@
-"""The machine code of a program: compiled from its statements, or loaded without them where it was kept."""
+"""The machine code of a program: compiled from its statements, or loaded from the cache without them."""
 
 import ctypes
 import json
+from collections.abc import Callable
 from functools import cached_property
+from typing import TYPE_CHECKING, TypeAlias
 
 from robot_dynamics.codegen.jit.batch_loop import batch_function
 from robot_dynamics.codegen.jit.cache import load, store
@@ -10,46 +12,61 @@ from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
 from robot_dynamics.codegen.jit.kernel import block_function, sample_function
 from robot_dynamics.codegen.jit.runtime import runtime_table
 from robot_dynamics.codegen.jit.sincos import sincos_functions
-from robot_dynamics.codegen.trace.program import Interface, OperationCount
+from robot_dynamics.codegen.trace.program import Interface, OperationCount, Program
+
+if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
+    from robot_dynamics.codegen.jit.engine import Library, Module
 
 RUNTIME = "@runtime = external global ptr"
 
+TracedProgram: TypeAlias = tuple[Program, dict[int, float]]
+"""A Program, and the value of each node that is known before a call."""
+
 
 class MachineCode:
-    """A program on this machine: its `interface`, its `program`, and libraries of functions.
+    """A program on this machine: its interface, its statements, and libraries of functions.
 
-    trace: a function that gives (Program, {node: float} known before a call), called when they are first needed. key:
-    a text that stands for all that these depend on; None where there is none, and the code is kept by its own text.
+    Parameters
+    ----------
+    interface : Interface
+    trace : callable
+        Returns the TracedProgram; called when it is needed first.
+    key : str, optional
+        Stands in the cache for everything on which the program depends. Default: the code is stored by its own text.
     """
 
-    def __init__(self, interface, trace, key=None):
-        self.interface, self._trace, self._key = interface, trace, key
+    def __init__(self, interface: Interface, trace: Callable[[], TracedProgram], key: str | None = None) -> None:
+        self.interface = interface
+        self._trace = trace
+        self._key = key
 
     @classmethod
-    def from_cache(cls, key, trace):
-        """The MachineCode that was kept for a key, None if there is none."""
+    def from_cache(cls, key: str, trace: Callable[[], TracedProgram]) -> "MachineCode | None":
+        """The MachineCode that was stored for a key, None if there is none."""
         try:
-            told = json.loads(load(_interface_key(key)) or b"")
-            outputs = tuple((name, tuple(shape)) for name, shape in told["outputs"])
-            interface = Interface(told["name"], dict(told["inputs"]), outputs, OperationCount(*told["operations"]))
+            fields = json.loads(load(_interface_key(key)) or b"")
+            outputs = tuple((name, tuple(shape)) for name, shape in fields["outputs"])
+            operations = OperationCount(*fields["operations"])
+            interface = Interface(fields["name"], dict(fields["inputs"]), outputs, operations)
         except (ValueError, LookupError, TypeError):
             return None
         return cls(interface, trace, key)
 
-    def save_to_cache(self):
-        """Keep the interface for the key; libraries are kept as they are made."""
+    def save_to_cache(self) -> None:
+        """Store the interface for the key; libraries are stored when they are compiled."""
         if self._key is not None:
             store(_interface_key(self._key), json.dumps(self.interface._asdict()).encode())
 
     @property
-    def program(self):
+    def program(self) -> Program:
+        """The Program; traced on first access if the code was loaded from the cache."""
         return self._traced[0]
 
     @cached_property
-    def _traced(self):
+    def _traced(self) -> TracedProgram:
         return self._trace()
 
-    def sample_library(self):
+    def sample_library(self) -> "Library":
         """The Library with `evaluate`, the Python function of one sample."""
         from robot_dynamics.codegen.jit.engine import Library, Module
 
@@ -59,39 +76,35 @@ class MachineCode:
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
         return library
 
-    def batch_library(self, sample_library):
-        """The Library with `batch`, the loop over samples; it calls `sample` of the Library that `one` gave."""
+    def batch_library(self, sample_library: "Library") -> "Library":
+        """The Library with `batch`, the loop over samples, which calls `sample` of the other library."""
         from robot_dynamics.codegen.jit.engine import Library
 
         imports = {name: sample_library[name] for name in ("sample", "runtime")}
         return Library([self._module("batch", self._batch_text)], ["batch"], imports)
 
-    def _module(self, what, text):
+    def _module(self, function: str, text: Callable[[], str]) -> "Module":
         from robot_dynamics.codegen.jit.engine import Module
 
-        return Module.from_text(text()) if self._key is None else Module(f"{what} {self._key}", text)
+        return Module.from_text(text()) if self._key is None else Module(f"{function} {self._key}", text)
 
-    def _sample_text(self):
+    def _sample_text(self) -> str:
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add
 
         sample, widths = sample_function(*self._traced)
-        described = signature(self.interface.name, self.interface.inputs, dict(self.interface.outputs))
-        return "\n".join(
-            [
-                described,
-                RUNTIME,
-                *(sincos_functions(width, has_fused_multiply_add()) for width in sorted(widths)),
-                sample,
-            ]
-        )
+        interface = self.interface
+        texts = [signature(interface.name, interface.inputs, dict(interface.outputs)), RUNTIME]
+        texts += [sincos_functions(width, has_fused_multiply_add()) for width in sorted(widths)]
+        return "\n".join([*texts, sample])
 
-    def _batch_text(self):
+    def _batch_text(self) -> str:
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
 
-        block = block_function(*self._traced, vector_lanes())
-        loop = batch_function(len(self.interface.inputs) + len(self.interface.outputs), vector_lanes())
-        return "\n".join([RUNTIME, sincos_functions(vector_lanes(), has_fused_multiply_add()), block, loop])
+        lanes = vector_lanes()
+        block = block_function(*self._traced, lanes)
+        loop = batch_function(len(self.interface.inputs) + len(self.interface.outputs), lanes)
+        return "\n".join([RUNTIME, sincos_functions(lanes, has_fused_multiply_add()), block, loop])
 
 
-def _interface_key(key):
+def _interface_key(key: str) -> str:
     return f"interface {key}"

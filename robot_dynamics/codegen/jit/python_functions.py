@@ -1,4 +1,4 @@
-"""Programs as Python functions to call, for one sample or many.
+"""Programs as Python functions, for one sample or many.
 
 Floats behave as in compiled code: the sine of an infinity is NaN, and division by zero gives an infinity.
 """
@@ -6,9 +6,13 @@ Floats behave as in compiled code: the sine of an infinity is NaN, and division 
 import functools
 import math
 from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.emit.code_text import (
     UniqueNames,
     VariableNames,
@@ -20,163 +24,230 @@ from robot_dynamics.codegen.emit.code_text import (
 )
 from robot_dynamics.codegen.emit.python_source import RESERVED, list_literal, python_literal, python_source, summary
 from robot_dynamics.codegen.jit.constant_folding import fold_constants
+from robot_dynamics.codegen.trace.program import Output, Program, ProgramResult, Statement
 from robot_dynamics.codegen.trace.scalar import COSINE, DIVIDE, INPUT, SIGN, SINE, SQUARE_ROOT
 from robot_dynamics.errors import InvalidInputError
 
 INLINE_SIGN = "1.0 if (x_ := {}) > 0 else -1.0 if x_ < 0 else x_ + 0.0"
-MAX_EXPRESSION_OPERATIONS = 12  # operations that functions compute in one line
-BLOCK_SIZE = 2048  # samples that go through a program together, so that what is alive stays in the cache
+
+MAX_EXPRESSION_OPERATIONS = 12
+"""Operations that functions compute in one line."""
+
+BLOCK_SIZE = 2048
+"""Samples that are computed together, so that their values stay in the cache of the processor."""
 
 
-def python_function(program, parameters=None):
-    """A function of the inputs of a program, sequences, that returns what the function of `python_source` does.
+def python_function(program: Program, parameters: Mapping[str, float] | None = None) -> Callable[..., Any]:
+    """The function of one sample.
 
-    parameters: {name: value} of the program's, settled here once; more may be among them. Raises QuestionError where
-    one is missing. Where `math` would raise an error, the function of `python_source` is asked instead.
+    Parameters
+    ----------
+    program : Program
+    parameters : mapping of str to float, optional
+        Values of the parameters of the program, which become constants; further names are ignored.
+
+    Returns
+    -------
+    callable
+        Takes the inputs as sequences and returns the result of the function of `python_source`, which it calls where
+        `math` raises an error.
+
+    Raises
+    ------
+    InvalidInputError
+        If a parameter has no value.
     """
-    settled = fold_constants(program, parameters)
-    packed = _Packed(program, settled, vectorised=False)
-    lists = [list_literal(packed.entries(output)) for output in program.outputs]
-    lines = [*packed.lines, f"return {lists[0] if len(lists) == 1 else _tuple(lists)}"]
+    constants = fold_constants(program, parameters)
+    body = _FunctionBody(program, constants, vectorised=False)
+    lists = [list_literal(body.entries(output)) for output in program.outputs]
+    lines = [*body.lines, f"return {lists[0] if len(lists) == 1 else _tuple_literal(lists)}"]
     if operations_used(program) & {SINE, COSINE, SQUARE_ROOT, DIVIDE}:
         lines = ["try:", *("    " + line for line in lines), "except (ValueError, ZeroDivisionError):"]
-        lines.append(f"    return elsewhere()({', '.join(packed.inputs.values())})")
-    scope = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "inf": math.inf, "nan": math.nan}
-    scope["elsewhere"] = functools.cache(functools.partial(_careful_function, program, settled))
-    unpacked = [f"{names} = map(float, {given})" for given, names in packed.unpacking(program)]
-    return _compiled(program, packed, unpacked + lines, scope)
+        lines.append(f"    return fallback()({', '.join(body.inputs.values())})")
+    scope: dict[str, Any] = {"sin": math.sin, "cos": math.cos, "sqrt": math.sqrt, "inf": math.inf, "nan": math.nan}
+    scope["fallback"] = functools.cache(functools.partial(_source_function, program, constants))
+    unpacking = [f"{names} = map(float, {array})" for array, names in body.unpacking(program)]
+    return _compile(program, body, unpacking + lines, scope)
 
 
-def python_batch(program, parameters=None):
-    """A function of the inputs of a program as arrays (N, size) that returns its outputs as arrays (N, *shape).
+def python_batch(program: Program, parameters: Mapping[str, float] | None = None) -> Callable[..., ProgramResult]:
+    """The function of many samples: the lines of `python_function`, computed by NumPy.
 
-    Several outputs are a tuple. The lines of `python_function`, each computed for many samples at once by NumPy.
-    Raises QuestionError where a parameter is missing; the function does for arrays of other shapes.
+    Parameters
+    ----------
+    program, parameters
+        See `python_function`.
+
+    Returns
+    -------
+    callable
+        Takes the inputs as arrays (N, size) and returns the outputs (N, *shape), as a tuple if there are several.
+        Raises InvalidInputError for arrays of other shapes.
+
+    Raises
+    ------
+    InvalidInputError
+        If a parameter has no value.
     """
-    packed = _Packed(program, fold_constants(program, parameters), vectorised=True)
-    lines = [*packed.lines, f"return {_tuple([list_literal(packed.entries(output)) for output in program.outputs])}"]
-    scope = {"sin": np.sin, "cos": np.cos, "sqrt": np.sqrt, "sign": np.sign, "inf": math.inf, "nan": math.nan}
-    unpacked = [f"{names} = {given}" for given, names in packed.unpacking(program)]
-    columns = _compiled(program, packed, unpacked + lines, scope)
+    body = _FunctionBody(program, fold_constants(program, parameters), vectorised=True)
+    lists = [list_literal(body.entries(output)) for output in program.outputs]
+    lines = [*body.lines, f"return {_tuple_literal(lists)}"]
+    scope: dict[str, Any] = {
+        "sin": np.sin,
+        "cos": np.cos,
+        "sqrt": np.sqrt,
+        "sign": np.sign,
+        "inf": math.inf,
+        "nan": math.nan,
+    }
+    unpacking = [f"{names} = {array}" for array, names in body.unpacking(program)]
+    compute_columns = _compile(program, body, unpacking + lines, scope)
 
-    def batch(*inputs):
-        arrays = _samples(program, inputs)
+    def batch(*inputs: ArrayLike) -> ProgramResult:
+        arrays = _sample_arrays(program, inputs)
         count = len(arrays[0]) if arrays else 1
-        found = [np.empty((count, len(output.entries))) for output in program.outputs]
+        results = [np.empty((count, len(output.entries))) for output in program.outputs]
         with np.errstate(all="ignore"):
             for start in range(0, count, BLOCK_SIZE):
                 block = slice(start, start + BLOCK_SIZE)
-                computed = columns(*(np.ascontiguousarray(array[block].T) for array in arrays))
-                for array, entries in zip(found, computed, strict=True):
-                    for place, entry in enumerate(entries):
-                        array[block, place] = entry
-        shaped = [array.reshape(count, *output.shape) for array, output in zip(found, program.outputs, strict=True)]
+                computed = compute_columns(*(np.ascontiguousarray(array[block].T) for array in arrays))
+                for result, columns in zip(results, computed, strict=True):
+                    for position, column in enumerate(columns):
+                        result[block, position] = column
+        shaped = [result.reshape(count, *output.shape) for result, output in zip(results, program.outputs, strict=True)]
         return shaped[0] if len(shaped) == 1 else tuple(shaped)
 
     batch.__doc__ = summary(program)
     return batch
 
 
-def _tuple(texts):
+def _tuple_literal(texts: Sequence[str]) -> str:
     return f"({''.join(f'{text}, ' for text in texts)})"
 
 
-def _careful_function(program, settled):
-    """The function of `python_source`, with its parameters settled."""
-    scope = {}
+def _source_function(program: Program, constants: Mapping[int, float]) -> Callable[..., Any]:
+    """The function of `python_source` with the values of its constants."""
+    scope: dict[str, Any] = {}
     exec(compile(python_source(program), "<robot_dynamics>", "exec"), scope)
-    function = scope[VariableNames(program, UniqueNames(RESERVED), python_literal).function]
+    function: Callable[..., Any] = scope[VariableNames(program, UniqueNames(RESERVED), python_literal).function]
     if not program.parameters:
         return function
-    return functools.partial(function, settled=[settled[node] for node in setup_nodes(program)])
+    return functools.partial(function, constants=[constants[node] for node in setup_nodes(program)])
 
 
-def _samples(program, inputs):
+def _sample_arrays(program: Program, inputs: Sequence[ArrayLike]) -> list[Array]:
     """The inputs as arrays (N, size), all with the same N."""
     if len(inputs) != len(program.inputs):
-        raise InvalidInputError(f"{len(inputs)} arrays are given: {', '.join(map(repr, program.inputs))} are needed")
-    arrays = [np.asarray(given, dtype=float) for given in inputs]
+        names = ", ".join(map(repr, program.inputs))
+        raise InvalidInputError(
+            f"{program.name}: {len(program.inputs)} arrays ({names}) are needed, but {len(inputs)} were passed"
+        )
+    arrays = [np.asarray(array, dtype=float) for array in inputs]
     for (name, size), array in zip(program.inputs.items(), arrays, strict=True):
         if array.ndim != 2 or array.shape[1] != size or len(array) != len(arrays[0]):
             raise InvalidInputError(
-                f"{name!r} has shape {array.shape}: (N, {size}), N the same for all inputs, is needed"
+                f"{name!r} has shape {array.shape}: (N, {size}) is needed, with the same N for all inputs"
             )
     return arrays
 
 
-def _compiled(program, packed, lines, scope):
-    """The function of some lines and of the names that they read."""
-    text = "\n    ".join([f"def {packed.function}({', '.join(packed.inputs.values())}):", *lines])
+def _compile(
+    program: Program, body: "_FunctionBody", lines: Sequence[str], scope: dict[str, Any]
+) -> Callable[..., Any]:
+    """The function with some lines, in a scope with the names that they read."""
+    text = "\n    ".join([f"def {body.function}({', '.join(body.inputs.values())}):", *lines])
     exec(compile(text, "<robot_dynamics>", "exec"), scope)
-    function = scope[packed.function]
+    function: Callable[..., Any] = scope[body.function]
     function.__doc__ = summary(program)
     return function
 
 
-class _Packed:
+class _FunctionBody:
     """The statements of a program in few and fast lines.
 
-    What one operation alone reads is computed within its line, and a local whose value is no longer read takes another
-    one: Python is slower from the 257th local on, and NumPy where arrays do not fit the cache.
+    A result that one operation alone reads is computed within the line of that operation, and a local variable whose
+    value is no longer read is reused: Python is slower from the 257th local variable on, and NumPy where arrays exceed
+    the cache.
 
-    function, inputs: as in Variables; lines: of the body. Names of locals end in _, which no other identifier does.
+    Parameters
+    ----------
+    program : Program
+    constants : mapping of int to float
+        Value of each node that is known before a call.
+    vectorised : bool
+        Whether the lines compute arrays.
+
+    Attributes
+    ----------
+    function : str
+        Name of the function.
+    inputs : dict of str to str
+        Identifier of each input.
+    lines : list of str
+        Lines of the body. Names of local variables end in _, which no other identifier does.
     """
 
-    def __init__(self, program, settled, vectorised):
+    def __init__(self, program: Program, constants: Mapping[int, float], vectorised: bool) -> None:
         names = UniqueNames(RESERVED)
         self.function = names.take(program.name, "model")
         self.inputs = {name: names.take(name, "input") for name in program.inputs}
-        self.lines = []
+        self.lines: list[str] = []
         self._vectorised = vectorised
-        self._texts = {number: float_literal(value, "inf", "nan") for number, value in settled.items()}
+        self._texts = {number: float_literal(value, "inf", "nan") for number, value in constants.items()}
         for number, operation, operands in program.leaves:
             if operation == INPUT:
                 self._texts[number] = self._entry(*operands)
-        self._left = Counter(operand for statement in program.statements for operand in statement.operands)
-        self._returned = {node for output in program.outputs for node, _ in output.entries}
-        self._within, self._locals, self._free = {}, {}, []
+        self._remaining_reads = Counter(operand for statement in program.statements for operand in statement.operands)
+        self._output_nodes = {node for output in program.outputs for node, _ in output.entries}
+        self._inline: dict[int, tuple[str, list[int], int]] = {}  # text, nodes that it reads, operations
+        self._locals: dict[int, str] = {}
+        self._free_locals: list[str] = []
         for statement in program.statements:
             self._add(statement)
 
-    def entries(self, output):
+    def entries(self, output: Output) -> list[str]:
         """The texts of the entries of an output, row by row."""
         return [signed(self._texts[node], sign) for node, sign in output.entries]
 
-    def unpacking(self, program):
-        """For each input its name and the list of locals that its entries go to."""
-        read = {leaf.operands for leaf in program.leaves if leaf.operation == INPUT}
+    def unpacking(self, program: Program) -> Iterator[tuple[str, str]]:
+        """For each input its identifier and the list of local variables to which its entries are assigned."""
+        used = {leaf.operands for leaf in program.leaves if leaf.operation == INPUT}
         for name, size in program.inputs.items():
-            yield (
-                self.inputs[name],
-                list_literal([self._entry(name, place) if (name, place) in read else "_" for place in range(size)]),
-            )
+            entries = [self._entry(name, k) if (name, k) in used else "_" for k in range(size)]
+            yield self.inputs[name], list_literal(entries)
 
-    def _entry(self, name, place):
-        return f"{self.inputs[name]}_{place}_"
+    def _entry(self, name: str, position: int) -> str:
+        return f"{self.inputs[name]}_{position}_"
 
-    def _add(self, statement):
-        """Write a statement, or keep it back for the line of the one that reads it."""
+    def _add(self, statement: Statement) -> None:
+        """Write a statement, or defer it to the line of the only operation that reads it."""
         number, operation, operands = statement
         texts, reads, size = [], [], 1
         for operand in operands:
-            text, others, operations = self._within.pop(operand, (self._texts.get(operand), [operand], 0))
+            if operand in self._inline:
+                text, inner_reads, operations = self._inline.pop(operand)
+            else:
+                text, inner_reads, operations = self._texts[operand], [operand], 0
             texts.append(text)
-            reads += others
+            reads += inner_reads
             size += operations
-        text = (
-            INLINE_SIGN.format(*texts) if operation == SIGN and not self._vectorised else expression(operation, texts)
-        )
-        if size < MAX_EXPRESSION_OPERATIONS and self._left[number] == 1 and number not in self._returned:
-            self._within[number] = f"({text})", reads, size
+        if operation == SIGN and not self._vectorised:
+            text = INLINE_SIGN.format(*texts)
         else:
-            self._keep(number, text, reads)
+            text = expression(operation, texts)
+        is_read_once = self._remaining_reads[number] == 1 and number not in self._output_nodes
+        if size < MAX_EXPRESSION_OPERATIONS and is_read_once:
+            self._inline[number] = f"({text})", reads, size
+        else:
+            self._assign(number, text, reads)
 
-    def _keep(self, number, text, reads):
-        """Write a line that gives the value of a node to a local, one that is free after the line has read."""
+    def _assign(self, number: int, text: str, reads: Sequence[int]) -> None:
+        """Assign a node to a local variable, which may be one that the line reads for the last time."""
         for operand in reads:
-            self._left[operand] -= 1
-            if not self._left[operand] and operand not in self._returned and operand in self._locals:
-                self._free.append(self._locals.pop(operand))
-        self._locals[number] = self._free.pop() if self._free else f"t{len(self._locals)}_"
+            self._remaining_reads[operand] -= 1
+            is_free = not self._remaining_reads[operand] and operand not in self._output_nodes
+            if is_free and operand in self._locals:
+                self._free_locals.append(self._locals.pop(operand))
+        self._locals[number] = self._free_locals.pop() if self._free_locals else f"t{len(self._locals)}_"
         self._texts[number] = self._locals[number]
         self.lines.append(f"{self._locals[number]} = {text}")

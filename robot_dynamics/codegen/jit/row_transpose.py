@@ -1,16 +1,18 @@
-"""Rows of arrays to vectors of columns and back: four columns of all lanes' rows at a time, by shuffles in registers.
+"""Rows of arrays to vectors of columns and back: four columns of the rows of all lanes at a time, by shuffles.
 
-Sample after sample, an array has a row for each; a vector has one entry of as many samples as it has lanes. Reading
-entry by entry would take a load and an insertion for each entry of each sample.
+An array has a row for each sample; a vector has one entry of each of several samples, its lanes. Reading entry by entry
+would take a load and an insertion for each entry of each sample.
 """
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from robot_dynamics.codegen.jit.sincos import vector_type
 
 FOUR = vector_type(4)
 
 
-def row_pointers(array, lanes):
-    """IR lines: %row<array>.<lane>, the row of each lane: sample %first + lane, but %last at most."""
+def row_pointers(array: int, lanes: int) -> list[str]:
+    """IR lines that define %row<array>.<lane>, the row of each lane: sample %first + lane, at most %last."""
     lines = [
         f"%array{array}.at = getelementptr inbounds ptr, ptr %pointers, i64 {array}",
         f"%array{array} = load ptr, ptr %array{array}.at, align 8",
@@ -28,8 +30,8 @@ def row_pointers(array, lanes):
     return lines
 
 
-def next_block_pointer(array, lanes):
-    """IR lines: %next<array>, the row after those of a block, whether it is there or not."""
+def next_block_pointer(array: int, lanes: int) -> list[str]:
+    """IR lines that define %next<array>, the row after those of a block, which may lie beyond the array."""
     return [
         f"%next{array}.from.at = getelementptr inbounds ptr, ptr %pointers, i64 {array}",
         f"%next{array}.from = load ptr, ptr %next{array}.from.at, align 8",
@@ -41,9 +43,11 @@ def next_block_pointer(array, lanes):
     ]
 
 
-def prefetch_lines(array, size, lanes):
-    """For each line of the cache [64 bytes] that the next block has of an array of `size` columns, IR lines that fetch
-    it. A fetch from where nothing is does nothing."""
+def prefetch_lines(array: int, size: int, lanes: int) -> list[list[str]]:
+    """IR lines for each cache line (64 bytes) that the next block has of an array of `size` columns.
+
+    Prefetches beyond the array have no effect.
+    """
     return [
         [
             f"%next{array}.{start} = getelementptr i8, ptr %next{array}, i64 {start}",
@@ -53,37 +57,40 @@ def prefetch_lines(array, size, lanes):
     ]
 
 
-def group_starts(size):
-    """The columns at which groups of four begin; the last group overlaps the one before it."""
+def group_starts(size: int) -> list[int]:
+    """The first columns of groups of four; the last group may overlap the one before."""
     return sorted({min(start, size - 4) for start in range(0, size, 4)}) if size >= 4 else []
 
 
-def read_columns(array, size, nodes, lanes):
-    """IR lines: %v<node> for {column: node} of an array of `size` columns."""
+def read_columns(array: int, size: int, nodes: Mapping[int, int], lanes: int) -> list[str]:
+    """IR lines that define %v<node> for {column: node} of an array of `size` columns."""
     if size < 4:
-        return [line for column, node in nodes.items() for line in _gathered(array, column, f"%v{node}", lanes)]
-    lines, left = [], dict(nodes)
+        return [line for column, node in nodes.items() for line in _read_column(array, column, f"%v{node}", lanes)]
+    lines: list[str] = []
+    remaining = dict(nodes)
     for start in group_starts(size):
-        group = {column - start: left.pop(column) for column in range(start, start + 4) if column in left}
+        columns = [column for column in range(start, start + 4) if column in remaining]
+        group = {column - start: remaining.pop(column) for column in columns}
         if not group:
             continue
         name = f"%in{array}.{start}"
-        quarters = _loaded(lines, array, start, name, lanes)
-        _transposed(lines, quarters, name, lanes, {place: f"%v{node}" for place, node in group.items()})
+        rows = _load_rows(lines, array, start, name, lanes)
+        _transpose(lines, rows, name, lanes, {column: f"%v{node}" for column, node in group.items()})
     return lines
 
 
-def write_columns(array, columns, lanes):
+def write_columns(array: int, columns: Sequence[str], lanes: int) -> list[str]:
     """IR lines that store vectors, one for each column of an array."""
     size = len(columns)
     if size < 4:
-        return [line for place, value in enumerate(columns) for line in _scattered(array, place, value, lanes)]
-    lines, V = [], vector_type(lanes)
+        return [line for column, value in enumerate(columns) for line in _write_column(array, column, value, lanes)]
+    lines: list[str] = []
+    V = vector_type(lanes)
     for start in group_starts(size):
         name = f"%out{array}.{start}"
-        rows = _transposed(lines, columns[start : start + 4], name, lanes, {})
+        rows = _transpose(lines, columns[start : start + 4], name, lanes, {})
         for lane in range(lanes):
-            mask = ", ".join(f"i32 {4 * (lane // 4) + place}" for place in range(4))
+            mask = ", ".join(f"i32 {4 * (lane // 4) + column}" for column in range(4))
             row = f"{name}.row{lane}"
             lines += [
                 f"{row} = shufflevector {V} {rows[lane % 4]}, {V} poison, <4 x i32> <{mask}>",
@@ -93,8 +100,8 @@ def write_columns(array, columns, lanes):
     return lines
 
 
-def _loaded(lines, array, start, name, lanes):
-    """Four vectors, of which the k-th has four columns of lane k, then (of 8 lanes) four of lane k + 4."""
+def _load_rows(lines: list[str], array: int, start: int, name: str, lanes: int) -> list[str]:
+    """Four vectors; vector k has four columns of lane k and, of 8 lanes, the same columns of lane k + 4."""
     for lane in range(lanes):
         lines += [
             f"{name}.row{lane}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {start}",
@@ -102,55 +109,57 @@ def _loaded(lines, array, start, name, lanes):
         ]
     if lanes == 4:
         return [f"{name}.row{lane}" for lane in range(4)]
-    mask = ", ".join(f"i32 {place}" for place in range(8))
+    mask = ", ".join(f"i32 {index}" for index in range(8))
     for lane in range(4):
         lower, upper = f"{FOUR} {name}.row{lane}", f"{FOUR} {name}.row{lane + 4}"
         lines.append(f"{name}.rows{lane} = shufflevector {lower}, {upper}, <8 x i32> <{mask}>")
     return [f"{name}.rows{lane}" for lane in range(4)]
 
 
-def _transposed(lines, rows, name, lanes, names):
-    """Each group of four lanes of four vectors, transposed. names: {place: name} of results that have one."""
-    V, places = vector_type(lanes), range(lanes)
+def _transpose(lines: list[str], rows: Sequence[str], name: str, lanes: int, names: Mapping[int, str]) -> list[str]:
+    """Four vectors with each group of four lanes transposed; `names` has the names of some of the results, by index."""
+    V = vector_type(lanes)
 
-    def shuffle(result, a, b, choose):
-        mask = ", ".join(f"i32 {choose(place)}" for place in places)
+    def shuffle(result: str, a: str, b: str, choose: Callable[[int], int]) -> str:
+        mask = ", ".join(f"i32 {choose(lane)}" for lane in range(lanes))
         lines.append(f"{result} = shufflevector {V} {a}, {V} {b}, <{lanes} x i32> <{mask}>")
         return result
 
-    def evens(place):
-        return place - place % 2 + lanes * (place % 2)
+    def evens(lane: int) -> int:
+        return lane - lane % 2 + lanes * (lane % 2)
 
-    def odds(place):
-        return evens(place) + 1
+    def odds(lane: int) -> int:
+        return evens(lane) + 1
 
-    def lower(place):
-        return place if place % 4 < 2 else place - 2 + lanes
+    def lower(lane: int) -> int:
+        return lane if lane % 4 < 2 else lane - 2 + lanes
 
-    def upper(place):
-        return place + 2 if place % 4 < 2 else place + lanes
+    def upper(lane: int) -> int:
+        return lane + 2 if lane % 4 < 2 else lane + lanes
 
     a, b, c, d = rows
     low = shuffle(f"{name}.ab0", a, b, evens), shuffle(f"{name}.cd0", c, d, evens)
     high = shuffle(f"{name}.ab1", a, b, odds), shuffle(f"{name}.cd1", c, d, odds)
     halves = (low, lower), (high, lower), (low, upper), (high, upper)
-    return [shuffle(names.get(place, f"{name}.t{place}"), *pair, choose) for place, (pair, choose) in enumerate(halves)]
+    return [shuffle(names.get(k, f"{name}.t{k}"), *pair, choose) for k, (pair, choose) in enumerate(halves)]
 
 
-def _gathered(array, column, name, lanes):
+def _read_column(array: int, column: int, name: str, lanes: int) -> Iterator[str]:
+    """IR lines that define a vector of one column, entry by entry."""
     value = "poison"
     for lane in range(lanes):
-        one = f"{name}.{lane}"
-        result = name if lane == lanes - 1 else f"{one}.in"
-        yield f"{one}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {column}"
-        yield f"{one} = load double, ptr {one}.at, align 1"
-        yield f"{result} = insertelement {vector_type(lanes)} {value}, double {one}, i64 {lane}"
+        entry = f"{name}.{lane}"
+        result = name if lane == lanes - 1 else f"{entry}.in"
+        yield f"{entry}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {column}"
+        yield f"{entry} = load double, ptr {entry}.at, align 1"
+        yield f"{result} = insertelement {vector_type(lanes)} {value}, double {entry}, i64 {lane}"
         value = result
 
 
-def _scattered(array, column, value, lanes):
+def _write_column(array: int, column: int, value: str, lanes: int) -> Iterator[str]:
+    """IR lines that store a vector to one column, entry by entry."""
     for lane in range(lanes):
-        one = f"%out{array}.{column}.{lane}"
-        yield f"{one} = extractelement {vector_type(lanes)} {value}, i64 {lane}"
-        yield f"{one}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {column}"
-        yield f"store double {one}, ptr {one}.at, align 1"
+        entry = f"%out{array}.{column}.{lane}"
+        yield f"{entry} = extractelement {vector_type(lanes)} {value}, i64 {lane}"
+        yield f"{entry}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {column}"
+        yield f"store double {entry}, ptr {entry}.at, align 1"

@@ -1,16 +1,18 @@
-"""What compiled code needs of the process that it runs in: addresses, in a table that each process fills anew.
+"""Addresses that compiled code needs, in a table that each process fills.
 
-The code itself knows places in the table alone, so that it may be kept on disk and loaded by another process.
+The code contains only indices in the table, so that it can be stored on disk and loaded by another process.
 """
 
 import ctypes
 import sys
 from array import array, typecodes
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 OBJECT_HEAD_SIZE = object.__basicsize__
-"""Bytes of PyObject_HEAD: the fields of an object begin here; its type is in the last word before."""
+"""Bytes of PyObject_HEAD: the fields of an object start here; its type is in the word before."""
 
 PYTHON_API_FUNCTIONS = (
     "PyObject_GetBuffer",
@@ -23,7 +25,7 @@ PYTHON_API_FUNCTIONS = (
     "PyTuple_New",
     "PyTuple_SetItem",
 )
-PYTHON_OBJECTS = {
+PYTHON_OBJECTS: dict[str, object] = {
     "None": None,
     "TypeError": TypeError,
     "ValueError": ValueError,
@@ -32,75 +34,79 @@ PYTHON_OBJECTS = {
     "float64": np.dtype(np.float64),
 }
 SLOTS = ("sin", "cos", *PYTHON_API_FUNCTIONS, "PyArray_New", *PYTHON_OBJECTS, "sequence_type", "sequence_of_doubles")
-"""What each place of the table `@runtime` holds the address of."""
+"""The entries of the table `@runtime`: each is the address of a function or object."""
 
-ARRAY_TYPE_SLOT, NEW_ARRAY_SLOT = 2, 93
-"""Places in the table of NumPy's C interface, which are the same in all its versions since 1.0."""
+ARRAY_TYPE_SLOT = 2
+NEW_ARRAY_SLOT = 93
+"""Indices in the table of NumPy's C interface, the same in all versions since 1.0."""
 
 
-def runtime_table():
-    """The addresses of SLOTS, as a ctypes array. Raises OSError, AttributeError or RuntimeError if one is not found."""
-    library = _mathematics()
+def runtime_table() -> "ctypes.Array[ctypes.c_void_p]":
+    """The addresses of SLOTS. Raises OSError, AttributeError or RuntimeError if one is missing."""
+    library = _math_library()
     addresses = [_address(library.sin), _address(library.cos)]
     addresses += [_address(getattr(ctypes.pythonapi, name)) for name in PYTHON_API_FUNCTIONS]
-    addresses += [_new_array(), *map(id, PYTHON_OBJECTS.values()), *_sequences()]
+    addresses += [_new_array_address(), *map(id, PYTHON_OBJECTS.values()), *_array_array_addresses()]
     return (ctypes.c_void_p * len(SLOTS))(*addresses)
 
 
-def _address(function):
+def _address(function: Any) -> int | None:
     return ctypes.cast(function, ctypes.c_void_p).value
 
 
-def _mathematics():
+def _math_library() -> ctypes.CDLL:
     try:
         return ctypes.CDLL("libm.so.6")
     except OSError:
         return ctypes.CDLL(None)
 
 
-def _new_array():
-    """The address of PyArray_New, after making sure that NumPy's arrays lie in memory as the entry reads them."""
+def _new_array_address() -> int | None:
+    """The address of PyArray_New. Raises RuntimeError if NumPy arrays do not have the expected memory layout."""
     core = sys.modules.get("numpy._core._multiarray_umath") or sys.modules["numpy.core._multiarray_umath"]
-    pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    functions = ctypes.cast(pointer(core._ARRAY_API, None), ctypes.POINTER(ctypes.c_void_p))
-    seen = np.zeros((2, 3))
-    fields = ArrayFields.from_address(id(seen) + OBJECT_HEAD_SIZE)
-    expected = (seen.ctypes.data, 2, (2, 3), id(seen.dtype), seen.flags.num)
-    found = (fields.data, fields.dimensions, tuple(fields.shape[:2]), fields.dtype, fields.flags)
-    if found != expected or _type_address(seen) != id(np.ndarray) or functions[ARRAY_TYPE_SLOT] != id(np.ndarray):
-        raise RuntimeError(f"arrays of NumPy {np.__version__} do not lie in memory as expected")
-    return functions[NEW_ARRAY_SLOT]
+    get_pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    get_pointer.restype = ctypes.c_void_p
+    get_pointer.argtypes = [ctypes.py_object, ctypes.c_char_p]
+    functions = ctypes.cast(get_pointer(core._ARRAY_API, None), ctypes.POINTER(ctypes.c_void_p))
+    sample = np.zeros((2, 3))
+    fields = ArrayFields.from_address(id(sample) + OBJECT_HEAD_SIZE)
+    expected = (sample.ctypes.data, 2, (2, 3), id(sample.dtype), sample.flags.num)
+    actual = (fields.data, fields.dimensions, tuple(fields.shape[:2]), fields.dtype, fields.flags)
+    if actual != expected or _type_address(sample) != id(np.ndarray) or functions[ARRAY_TYPE_SLOT] != id(np.ndarray):
+        raise RuntimeError(f"arrays of NumPy {np.__version__} do not have the expected memory layout")
+    address: int | None = functions[NEW_ARRAY_SLOT]
+    return address
 
 
-def _sequences():
-    """Addresses by which the entry knows an array.array, and that one holds float64.
+def _array_array_addresses() -> tuple[int | None, int | None]:
+    """The addresses of the type array.array, and of the description that its arrays of float64 share.
 
-    None where these do not lie in memory as the entry reads them: then they go by the buffer protocol. What the entry
-    reads stays where it is, as nothing else of Python runs until the entry returns.
+    None where array.array does not have the expected memory layout: then it is read through the buffer protocol. The
+    memory that the entry point reads does not move, as no other Python code runs until the entry point returns.
     """
-    seen = [array(code, [1, 2, 3]) for code in typecodes if code not in "uw"] + [array("d", [1.0])]
-    seen[-1].append(4.0)
-    fields = [SequenceFields.from_address(id(sequence) + OBJECT_HEAD_SIZE) for sequence in seen]
-    as_read = all(
-        (f.data, f.length) == s.buffer_info() and _type_address(s) == id(array)
-        for f, s in zip(fields, seen, strict=True)
+    samples: list[array[Any]] = [array(code, [1, 2, 3]) for code in typecodes if code not in "uw"]
+    samples.append(array("d", [1.0]))
+    samples[-1].append(4.0)
+    fields = [SequenceFields.from_address(id(sample) + OBJECT_HEAD_SIZE) for sample in samples]
+    has_layout = all(
+        (field.data, field.length) == sample.buffer_info() and _type_address(sample) == id(array)
+        for field, sample in zip(fields, samples, strict=True)
     )
-    descriptions = {}
-    for sequence, field in zip(seen, fields, strict=True):
-        descriptions.setdefault(sequence.typecode, set()).add(field.description)
-    one_each = all(len(found) == 1 for found in descriptions.values())
-    if not (as_read and one_each and len(set().union(*descriptions.values())) == len(descriptions)):
+    descriptions: dict[str, set[int]] = {}
+    for sample, field in zip(samples, fields, strict=True):
+        descriptions.setdefault(sample.typecode, set()).add(field.description)
+    is_unique = all(len(addresses) == 1 for addresses in descriptions.values())
+    if not (has_layout and is_unique and len(set().union(*descriptions.values())) == len(descriptions)):
         return None, None
     return id(array), descriptions["d"].pop()
 
 
-def _type_address(thing):
-    return ctypes.c_void_p.from_address(id(thing) + OBJECT_HEAD_SIZE - ctypes.sizeof(ctypes.c_void_p)).value
+def _type_address(value: object) -> int | None:
+    return ctypes.c_void_p.from_address(id(value) + OBJECT_HEAD_SIZE - ctypes.sizeof(ctypes.c_void_p)).value
 
 
 class ArrayFields(ctypes.Structure):
-    """The fields of a NumPy array after PyObject_HEAD, the same in all versions since 1.7."""
+    """Fields of a NumPy array after PyObject_HEAD, the same in all versions since 1.7."""
 
     _fields_ = (
         ("data", ctypes.c_void_p),
@@ -114,7 +120,7 @@ class ArrayFields(ctypes.Structure):
 
 
 class SequenceFields(ctypes.Structure):
-    """The fields of an array.array after PyObject_HEAD."""
+    """Fields of an array.array after PyObject_HEAD."""
 
     _fields_ = (
         ("length", ctypes.c_ssize_t),
@@ -156,10 +162,19 @@ class MethodDefinition(ctypes.Structure):
 FASTCALL = 0x0080
 
 
-def make_python_callable(address, name, docstring, owner):
-    """A Python function of positional arguments, whose code is at an address and lives as long as its owner."""
-    definition = MethodDefinition(name.encode(), address, FASTCALL, docstring.encode())
-    owner.definition = definition
+class FunctionOwner:
+    """Keeps the code and the definition of a Python function alive."""
+
+    def __init__(self, library: object) -> None:
+        self.library = library
+        self.definition: MethodDefinition | None = None
+
+
+def make_python_callable(address: int, name: str, docstring: str, owner: FunctionOwner) -> Callable[..., Any]:
+    """A Python function of positional arguments whose code is at an address; it keeps `owner` alive."""
+    owner.definition = MethodDefinition(name.encode(), address, FASTCALL, docstring.encode())
     make = ctypes.pythonapi.PyCFunction_NewEx
-    make.restype, make.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    return make(ctypes.addressof(definition), owner, None)
+    make.restype = ctypes.py_object
+    make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
+    function: Callable[..., Any] = make(ctypes.addressof(owner.definition), owner, None)
+    return function

@@ -1,36 +1,50 @@
-"""The steps in which a program is written as code: their order, sines with cosines, the parts of a long one."""
+"""The steps in which a program is emitted: their order, sines paired with cosines, and the parts of a long program."""
 
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Literal, NamedTuple, TypeAlias
 
-from robot_dynamics.codegen.trace.scalar import COSINE, INPUT, SINE
+from robot_dynamics.codegen.trace.program import Program
+from robot_dynamics.codegen.trace.scalar import COSINE, INPUT, SINE, Operation
 
-LOAD, STORE, SINCOS = "load", "store", "sincos"
+LOAD: Literal["load"] = "load"
+STORE: Literal["store"] = "store"
+SINCOS: Literal["sincos"] = "sincos"
+
+StepOperation: TypeAlias = Operation | Literal["load", "store", "sincos"]
+"""The operation of a Statement, or one of the three above."""
 
 
 class Step(NamedTuple):
-    """What is written at a time: `operation` (of a Statement, or one of the three above), nodes in, nodes out.
+    """A unit of emitted code.
 
-    SINCOS gives the sine and the cosine of each node that it takes, in this order; None is one that nothing reads.
+    Attributes
+    ----------
+    operation : str
+    operands : tuple of int
+        Nodes that the step reads.
+    results : tuple of int or None
+        Nodes that it computes. SINCOS computes the sine and the cosine of each operand, in this order; None stands for
+        one that nothing reads.
     """
 
-    operation: str
-    operands: tuple
-    results: tuple
+    operation: StepOperation
+    operands: tuple[int, ...]
+    results: tuple[int | None, ...]
 
 
 class Part(NamedTuple):
-    """A run of steps that becomes one function; `live_out`: the nodes that a later part takes."""
+    """Consecutive steps that become one function; `live_out` are the nodes that a later part reads."""
 
-    steps: list
-    live_out: list
+    steps: Sequence[Step]
+    live_out: list[int]
 
 
-def list_steps(program):
-    """The Steps of a program: inputs are loaded first, outputs stored last, sine and cosine of a node are one step."""
+def list_steps(program: Program) -> list[Step]:
+    """The Steps of a program: LOAD of all inputs first, STORE of all outputs last, sine and cosine of a node in one."""
     inputs = tuple(leaf.number for leaf in program.leaves if leaf.operation == INPUT)
     outputs = tuple(node for output in program.outputs for node, _ in output.entries)
-    pairs = {}
+    pairs: dict[int, list[int | None]] = {}
     for number, operation, operands in program.statements:
         if operation in (SINE, COSINE):
             pairs.setdefault(operands[0], [None, None])[operation == COSINE] = number
@@ -43,44 +57,48 @@ def list_steps(program):
     return [*steps, Step(STORE, outputs, ())]
 
 
-def group_sincos(steps, max_group_size):
-    """The steps in another order: up to `most` sines and cosines that do not wait for each other are one step.
+def group_sincos(steps: Sequence[Step], max_group_size: int) -> list[Step]:
+    """The steps reordered, with up to `max_group_size` independent sines and cosines in one step.
 
-    Each step gets a level: odd for sines and cosines, even for all others, above the levels of what it takes. Sines and
-    cosines of inputs are so the first of all.
+    Each step has a level: odd for sines and cosines, even for all others, above the levels of its operands. Sines and
+    cosines of inputs therefore come first.
     """
-    level, levels = {}, {}
+    level: dict[int | None, int] = {}
+    steps_by_level: dict[int, list[Step]] = {}
     for step in steps:
-        least = max((level.get(node, 0) for node in step.operands), default=-1) + (step.operation == SINCOS)
-        odd = step.operation == SINCOS
-        own = least + (least % 2 != odd)
-        if not odd and step.operation not in (LOAD, STORE):
-            own = max(own, 2)
+        is_sincos = step.operation == SINCOS
+        minimum = max((level.get(node, 0) for node in step.operands), default=-1) + is_sincos
+        step_level = minimum + (minimum % 2 != is_sincos)
+        if not is_sincos and step.operation not in (LOAD, STORE):
+            step_level = max(step_level, 2)
         if step.operation == STORE:
-            own = max(levels) + 1 if levels else 0
-        level.update((node, own) for node in step.results)
-        levels.setdefault(own, []).append(step)
-    ordered = []
-    for own in sorted(levels):
-        ordered += _grouped(levels[own], max_group_size) if levels[own][0].operation == SINCOS else levels[own]
+            step_level = max(steps_by_level) + 1 if steps_by_level else 0
+        level.update((node, step_level) for node in step.results)
+        steps_by_level.setdefault(step_level, []).append(step)
+    ordered: list[Step] = []
+    for step_level in sorted(steps_by_level):
+        group = steps_by_level[step_level]
+        ordered += _merge_sincos(group, max_group_size) if group[0].operation == SINCOS else group
     return ordered
 
 
-def _grouped(steps, max_group_size):
+def _merge_sincos(steps: Sequence[Step], max_group_size: int) -> Iterator[Step]:
     for start in range(0, len(steps), max_group_size):
         group = steps[start : start + max_group_size]
-        yield Step(
-            SINCOS, tuple(step.operands[0] for step in group), tuple(node for step in group for node in step.results)
-        )
+        operands = tuple(step.operands[0] for step in group)
+        results = tuple(node for step in group for node in step.results)
+        yield Step(SINCOS, operands, results)
 
 
-def split_into_parts(steps, max_length):
-    """The steps in Parts of nearly equal length, at most `longest`."""
+def split_into_parts(steps: Sequence[Step], max_length: int) -> list[Part]:
+    """The steps in Parts of nearly equal length, at most `max_length`."""
     count = -(-len(steps) // max_length)
-    bounds = [len(steps) * place // count for place in range(count + 1)]
-    parts, taken = [], set()
+    bounds = [len(steps) * k // count for k in range(count + 1)]
+    parts = []
+    read_later: set[int | None] = set()
     for start, end in reversed(list(pairwise(bounds))):
-        run = steps[start:end]
-        parts.append(Part(run, [node for step in run for node in step.results if node in taken]))
-        taken.update(node for step in run for node in step.operands)
+        part = steps[start:end]
+        live_out = [node for step in part for node in step.results if node is not None and node in read_later]
+        parts.append(Part(part, live_out))
+        read_later.update(node for step in part for node in step.operands)
     return parts[::-1]

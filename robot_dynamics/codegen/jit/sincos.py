@@ -1,22 +1,26 @@
-"""Sine and cosine of several numbers at once, as LLVM IR text: they share the reduction of the angle to [-π/4, π/4].
+"""Sines and cosines of vectors, as LLVM IR text: both share the reduction of the angle to [-π/4, π/4].
 
-Up to LARGEST_ANGLE both are within 2 ulp; beyond it, and where the processor has no fused multiply-add, each number
-goes to the C library, whose reduction is exact for any angle. Of nan and of ±inf both are nan.
+Up to MAX_ANGLE both are within 2 ulp. Beyond it, and on processors without fused multiply-add, the C library computes
+each number, with an exact reduction of any angle. Of nan and of ±inf both are nan.
 
 Source: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, for the reduction; the polynomials
 are those of FDLIBM (Sun Microsystems, 1993), e_rem_pio2.c and k_sin.c, k_cos.c.
 """
 
 import struct
+from collections.abc import Sequence
 
 MAX_ANGLE = 2.0**30
 """[rad] Up to here k = round(x / (π/2)) times the third part of π/2 is far below half an ulp of any remainder."""
 
-# π/2 in three doubles: their sum is within 2^-160 of it. With a fused multiply-add x - k P1 is exact, because it is a
-# multiple of 2^-52 (or of x's own last place) less than 1, whatever k.
 HALF_PI = ("0x3FF921FB54442D18", "0x3C91A62633145C07", "0xB91F1976B7ED8FBC")
+"""π/2 as a sum of three doubles P1, P2, P3, within 2^-160.
+
+With a fused multiply-add x - k P1 is exact for any k: it is a multiple of 2^-52, or of the last place of x, below 1.
+"""
+
 ROUNDING_SHIFT = 1.5 * 2.0**52
-"""Added to a number of magnitude less than 2^51 it leaves the nearest integer in the last places of the mantissa."""
+"""Added to a number below 2^51 in magnitude, it leaves the nearest integer in the last bits of the mantissa."""
 
 SINE_COEFFICIENTS = (
     -1.66666666666666324348e-01,
@@ -37,25 +41,25 @@ COSINE_COEFFICIENTS = (
 )
 
 
-def double_literal(value):
-    """A double as IR text, exactly."""
+def double_literal(value: float) -> str:
+    """A double as exact IR text."""
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
-def vector_type(lanes):
-    """The type of so many doubles."""
+def vector_type(lanes: int) -> str:
+    """The type of a vector of doubles."""
     return f"<{lanes} x double>"
 
 
-def splat(text, element="double"):
+def splat(text: str | int, element: str = "double") -> str:
     """A constant vector with the same number in each lane."""
     return f"splat ({element} {text})"
 
 
-def out_of_range_mask(name, x, lanes):
-    """IR lines: bit i of `%name` (an integer of as many bits as lanes) tells whether lane i of x is out of range.
+def out_of_range_mask(name: str, x: str, lanes: int) -> list[str]:
+    """IR lines that define `%name`, an integer with a bit for each lane: whether that lane of x is out of range.
 
-    nan is not: the polynomials answer it with nan.
+    nan is within range: the polynomials give nan.
     """
     V = vector_type(lanes)
     return [
@@ -65,10 +69,11 @@ def out_of_range_mask(name, x, lanes):
     ]
 
 
-def sincos_functions(lanes, fused):
-    """IR text of `@sincos<lanes>`, right within the range alone, and `@sincos_anywhere<lanes>`.
+def sincos_functions(lanes: int, fused: bool) -> str:
+    """IR text of `@sincos<lanes>`, valid for angles within the range, and `@sincos_anywhere<lanes>`.
 
-    Both take a vector of angles [rad] and give {sines, cosines}. fused: whether the processor has a fused multiply-add.
+    Both take a vector of angles [rad] and return {sines, cosines}. `fused`: whether the processor has a fused
+    multiply-add.
     """
     V = vector_type(lanes)
     within = _polynomials(lanes) if fused else [f"%both = call {{{V}, {V}}} @sincos_library{lanes}({V} %x)"]
@@ -82,8 +87,8 @@ def sincos_functions(lanes, fused):
             f"ret {{{V}, {V}}} %both",
             "}",
             f"define internal {{{V}, {V}}} @sincos_anywhere{lanes}({V} %x) noinline {{",
-            *out_of_range_mask("wide", "%x", lanes),
-            f"%within = icmp eq i{lanes} %wide, 0",
+            *out_of_range_mask("is_out_of_range", "%x", lanes),
+            f"%within = icmp eq i{lanes} %is_out_of_range, 0",
             "br i1 %within, label %fast, label %exact",
             "fast:",
             f"%near = call {{{V}, {V}}} @sincos{lanes}({V} %x)",
@@ -96,8 +101,8 @@ def sincos_functions(lanes, fused):
     )
 
 
-def _library(lanes):
-    """`@sincos_library<lanes>`: each lane by the C library, whose functions stand in `@runtime`."""
+def _library(lanes: int) -> str:
+    """IR text of `@sincos_library<lanes>`: each lane by the C library, whose functions are in `@runtime`."""
     V = vector_type(lanes)
     lines = [
         f"define internal {{{V}, {V}}} @sincos_library{lanes}({V} %x) noinline cold {{",
@@ -117,28 +122,31 @@ def _library(lanes):
     return "\n".join([*lines, *_pair(V, sines, cosines), f"ret {{{V}, {V}}} %both", "}"])
 
 
-def _pair(V, sines, cosines):
+def _pair(V: str, sines: str, cosines: str) -> list[str]:
+    """IR lines that define %both, {sines, cosines}."""
     return [
-        f"%one = insertvalue {{{V}, {V}}} poison, {V} {sines}, 0",
-        f"%both = insertvalue {{{V}, {V}}} %one, {V} {cosines}, 1",
+        f"%first = insertvalue {{{V}, {V}}} poison, {V} {sines}, 0",
+        f"%both = insertvalue {{{V}, {V}}} %first, {V} {cosines}, 1",
     ]
 
 
-def _polynomials(lanes):
-    """IR lines from %x to %both. No flag allows to reorder anything here: the rounding step and the remainder live on
-    operations that are exact as they stand.
-    """
-    V, words = vector_type(lanes), f"<{lanes} x i64>"
-    lines = []
+def _polynomials(lanes: int) -> list[str]:
+    """IR lines from %x to %both.
 
-    def fma(name, a, b, c):
+    No flag allows LLVM to reorder them: the rounding step and the remainder depend on exact operations.
+    """
+    V = vector_type(lanes)
+    words = f"<{lanes} x i64>"
+    lines: list[str] = []
+
+    def fma(name: str, a: str, b: str, c: str) -> str:
         lines.append(f"%{name} = call {V} @llvm.fma.v{lanes}f64({V} {a}, {V} {b}, {V} {c})")
         return f"%{name}"
 
-    def constant(value):
+    def constant(value: str | float) -> str:
         return splat(value if isinstance(value, str) else double_literal(value))
 
-    def polynomial(name, coefficients):
+    def polynomial(name: str, coefficients: Sequence[float]) -> str:
         value = constant(coefficients[-1])
         for degree, coefficient in reversed(list(enumerate(coefficients[:-1]))):
             value = fma(f"{name}{degree}", "%z", value, constant(coefficient))
@@ -147,22 +155,22 @@ def _polynomials(lanes):
     shifted = fma("shifted", "%x", constant("0x3FE45F306DC9C883"), constant(ROUNDING_SHIFT))  # x 2/π
     lines += [f"%k = fsub {V} {shifted}, {constant(ROUNDING_SHIFT)}", f"%minus_k = fneg {V} %k"]
     remainder = "%x"
-    for place, part in enumerate(HALF_PI):
-        remainder = fma(f"r{place}", "%minus_k", constant(part), remainder)
+    for index, part in enumerate(HALF_PI):
+        remainder = fma(f"r{index}", "%minus_k", constant(part), remainder)
     lines += [f"%z = fmul {V} {remainder}, {remainder}", f"%rz = fmul {V} {remainder}, %z"]
     sine = fma("sine", "%rz", polynomial("s", SINE_COEFFICIENTS), remainder)
     cosine = fma("cosine", "%z", polynomial("c", COSINE_COEFFICIENTS), constant(1.0))
-    # k mod 4, the quadrant, is in the last two bits of `shifted`: odd ones swap, and bit 1 of k and of k + 1 negates
+    # k mod 4, the quadrant, is in the last two bits of `shifted`: odd quadrants swap sine and cosine, and bit 1 of k
+    # (sine) or of k + 1 (cosine) negates
     lines += [
         f"%quadrant = bitcast {V} {shifted} to {words}",
         f"%next = add {words} %quadrant, {splat(1, 'i64')}",
         f"%bit = and {words} %quadrant, {splat(1, 'i64')}",
         f"%odd = icmp ne {words} %bit, zeroinitializer",
     ]
-    for name, other, first, quadrant in (("sin", "cos", sine, "quadrant"), ("cos", "sin", cosine, "next")):
-        second = cosine if other == "cos" else sine
+    for name, even, odd, quadrant in (("sin", sine, cosine, "quadrant"), ("cos", cosine, sine, "next")):
         lines += [
-            f"%{name}.size = select <{lanes} x i1> %odd, {V} {second}, {V} {first}",
+            f"%{name}.size = select <{lanes} x i1> %odd, {V} {odd}, {V} {even}",
             f"%{name}.bits = bitcast {V} %{name}.size to {words}",
             f"%{name}.high = shl {words} %{quadrant}, {splat(62, 'i64')}",
             f"%{name}.sign = and {words} %{name}.high, {splat(-(2**63), 'i64')}",

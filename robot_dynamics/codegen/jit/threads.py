@@ -1,19 +1,21 @@
-"""Threads that share work which they take piece by piece, so that none need be there from the beginning."""
+"""Threads that share work piece by piece, so that a thread that starts late delays none of the others."""
 
-from _thread import allocate_lock, start_new_thread  # threading.Thread would wait for each helper to have begun
+from _thread import LockType, allocate_lock, start_new_thread  # threading.Thread would wait until each thread runs
+from collections.abc import Callable
 
 
-def run_in_threads(work, threads):
-    """Call a function in so many threads at once, this one among them, until all are done.
+def run_in_threads(work: Callable[[], object], threads: int) -> None:
+    """Call a function in several threads at once, this one among them, until all calls have returned.
 
-    `work` takes what is left to do, and returns when nothing is. Helpers that cannot be started are left out.
+    `work` takes the remaining pieces one after the other, and returns when there are none. Threads that cannot be
+    started are left out.
     """
-    helpers = []
+    helpers: list[LockType] = []
     try:
         for _ in range(threads - 1):
             done = allocate_lock()
             done.acquire()
-            start_new_thread(_until_done, (work, done))
+            start_new_thread(_run_and_release, (work, done))
             helpers.append(done)
     except RuntimeError:  # the system has no more threads
         pass
@@ -24,7 +26,7 @@ def run_in_threads(work, threads):
             done.acquire()
 
 
-def _until_done(work, done):
+def _run_and_release(work: Callable[[], object], done: LockType) -> None:
     try:
         work()
     finally:

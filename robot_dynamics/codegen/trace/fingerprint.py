@@ -1,13 +1,14 @@
-"""Which program a model of a robot is, told without tracing it: a hash of all that the trace depends on.
+"""Fingerprints of programs: hashes of everything on which a trace depends, computed without tracing.
 
-These are every number and name of the robot, what is asked of it, and the source of the recursions, of the trace and of
-the writers. Limits and such have no part in a program and count all the same: to tell what has would be a second list
-to keep right, and one that is wrong would give another robot's efforts.
+These are all numbers and names of the robot, the options of the model, and the source of the recursions, of the trace
+and of the code emitters. Values that no program reads, such as limits, count as well: a list of the values that matter
+could become wrong, and would then load the program of another robot.
 """
 
 import os
 import struct
 import time
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, is_dataclass
 from functools import cache
 from hashlib import sha256
@@ -16,35 +17,57 @@ from pathlib import Path
 import numpy as np
 
 PACKAGE = Path(__file__).parents[2]
+
 FOLDERS = ("codegen", "constraints", "flexible", "model", "newton_euler")
-"""Of the package, where all lies that a program of a Robot depends on."""
+"""Folders of the package with all source on which a program of a Robot depends."""
+
 IMPORT_TIME = time.time()
-NUMERIC_KINDS = "biufc"  # kinds of NumPy's types of which the bytes are the value
+
+NUMERIC_KINDS = "biufc"
+"""Kinds of NumPy types whose bytes are the value."""
 
 
-def fingerprint(*things):
-    """A text that is another one wherever any of the things is: robots, names, options. None where none can be told.
+def fingerprint(*values: object) -> str | None:
+    """A text that differs wherever one of the values differs: robots, names, options.
 
-    That is where a number is a symbol, and where the source cannot be read or has changed since this process began.
+    Parameters
+    ----------
+    *values : object
+        Dataclasses, arrays, numbers, texts, None, and lists, tuples and dicts of them.
+
+    Returns
+    -------
+    str or None
+        None where a number is a symbol or a type is not supported, and where the source cannot be read or has changed
+        since this process imported it.
     """
     try:
-        return _digest([source_digest(PACKAGE, IMPORT_TIME), np.__version__, *things])
+        return _digest([source_digest(PACKAGE, IMPORT_TIME), np.__version__, *values])
     except (OSError, TypeError):
         return None
 
 
-def _digest(things):
-    return sha256(b"".join(_pieces(things))).hexdigest()
+def _digest(values: list[object]) -> str:
+    return sha256(b"".join(_encode(values))).hexdigest()
 
 
 @cache
-def source_digest(package, imported):
-    """A hash of the source in the FOLDERS of the package's folder.
+def source_digest(package: Path, imported: float) -> str:
+    """A hash of the source in the FOLDERS of a package.
 
-    Raises OSError where there is none, and where a file changed after `imported` [s]: then what runs in this process is
-    not what the files say.
+    Parameters
+    ----------
+    package : Path
+        Folder of the package.
+    imported : float
+        Time at which the package was imported [s since the epoch].
+
+    Raises
+    ------
+    OSError
+        If there is no source, or if a file changed after `imported`: then this process does not run what the file says.
     """
-    texts = []
+    texts: list[object] = []
     for path in sorted(path for folder in FOLDERS for path in (package / folder).rglob("*.py")):
         texts += [str(path.relative_to(package)), path.read_bytes()]
         status = os.stat(path)
@@ -55,38 +78,41 @@ def source_digest(package, imported):
     return _digest(texts)
 
 
-def _pieces(thing):
-    """Bytes for a thing: others for another one. Each piece begins with its kind and its size, so none runs into the
-    next. Raises TypeError for what is not known here."""
-    if isinstance(thing, str):
-        yield from _piece(b"text", thing.encode("utf-8", "surrogatepass"))
-    elif isinstance(thing, bytes):
-        yield from _piece(b"bytes", thing)
-    elif thing is None or isinstance(thing, bool | int):
-        yield from _piece(b"exact", repr(thing).encode())
-    elif type(thing) is float:
-        yield from _piece(b"float", struct.pack("<d", thing))
-    elif isinstance(thing, np.ndarray | np.generic) and thing.dtype.kind in NUMERIC_KINDS:
-        yield from _piece(b"array", f"{thing.dtype.str}{thing.shape}".encode())
-        yield from _piece(b"of", thing.tobytes())
-    elif isinstance(thing, list | tuple):
-        yield from _piece(b"items", str(len(thing)).encode())
-        for item in thing:
-            yield from _pieces(item)
-    elif isinstance(thing, dict):
+def _encode(value: object) -> Iterator[bytes]:
+    """Bytes that differ for different values.
+
+    Each piece begins with its kind and size, so that no two sequences of pieces are equal. Raises TypeError for types
+    that are not supported.
+    """
+    if isinstance(value, str):
+        yield from _piece(b"text", value.encode("utf-8", "surrogatepass"))
+    elif isinstance(value, bytes):
+        yield from _piece(b"bytes", value)
+    elif value is None or isinstance(value, bool | int):
+        yield from _piece(b"exact", repr(value).encode())
+    elif type(value) is float:
+        yield from _piece(b"float", struct.pack("<d", value))
+    elif isinstance(value, np.ndarray | np.generic) and value.dtype.kind in NUMERIC_KINDS:
+        yield from _piece(b"array", f"{value.dtype.str}{value.shape}".encode())
+        yield from _piece(b"of", value.tobytes())
+    elif isinstance(value, list | tuple):
+        yield from _piece(b"items", str(len(value)).encode())
+        for item in value:
+            yield from _encode(item)
+    elif isinstance(value, dict):
         yield from _piece(b"names", b"")
-        yield from _pieces(list(thing.items()))
-    elif is_dataclass(thing) and not isinstance(thing, type):
-        yield from _piece(b"object", f"{type(thing).__module__}.{type(thing).__qualname__}".encode())
-        yield from _pieces([getattr(thing, name) for name in _fields(type(thing))])
+        yield from _encode(list(value.items()))
+    elif is_dataclass(value) and not isinstance(value, type):
+        yield from _piece(b"object", f"{type(value).__module__}.{type(value).__qualname__}".encode())
+        yield from _encode([getattr(value, name) for name in _field_names(type(value))])
     else:
-        raise TypeError(f"{type(thing).__name__} has no fingerprint")
+        raise TypeError(f"{type(value).__name__} has no fingerprint")
 
 
-def _piece(kind, content):
+def _piece(kind: bytes, content: bytes) -> Iterable[bytes]:
     return b"%s %d " % (kind, len(content)), content
 
 
 @cache
-def _fields(kind):
+def _field_names(kind: type) -> tuple[str, ...]:
     return tuple(field.name for field in fields(kind))

@@ -1,12 +1,14 @@
-"""A straight-line program: what a trace leaves when all is dropped that no output reads, and how much it computes."""
+"""Straight-line programs: the nodes of a trace on which an output depends, and how many operations they take."""
 
 from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.codegen.trace.scalar import (
     ADD,
     CONSTANT,
@@ -20,12 +22,18 @@ from robot_dynamics.codegen.trace.scalar import (
     SINE,
     SQUARE_ROOT,
     SUBTRACT,
+    Operands,
+    Operation,
     Scalar,
+    Trace,
 )
+
+ProgramResult: TypeAlias = Any
+"""The outputs of a program: one array, or a tuple of arrays where it has several outputs."""
 
 
 class OperationCount(NamedTuple):
-    """How many operations a call takes: ×, + and -, ÷, sines and cosines, √, signs. Unary minus is free."""
+    """The number of operations in a call: ×, + and -, ÷, sines and cosines, √, signs. Unary minus is free."""
 
     multiplications: int
     additions: int
@@ -34,38 +42,46 @@ class OperationCount(NamedTuple):
     square_roots: int
     signs: int
 
-    def __str__(self):
-        told = f"{self.multiplications} × / {self.additions} +"
-        others = zip((self.divisions, self.trigonometric, self.square_roots), ("÷", "sin/cos", "√"), strict=True)
-        return told + "".join(f" / {count} {name}" for count, name in others if count)
+    def __str__(self) -> str:
+        text = f"{self.multiplications} × / {self.additions} +"
+        counts = ((self.divisions, "÷"), (self.trigonometric, "sin/cos"), (self.square_roots, "√"))
+        return text + "".join(f" / {count} {name}" for count, name in counts if count)
 
 
 class Statement(NamedTuple):
-    """Node `number` is `operation` of `operands`, numbers of nodes before it; leaves as in Trace."""
+    """Node `number` is `operation` of `operands`, numbers of earlier nodes; operands of leaves are those of Trace."""
 
     number: int
-    operation: str
-    operands: tuple
+    operation: Operation
+    operands: Operands
 
 
 class Output(NamedTuple):
-    """An array that the program gives: its name, its shape, and for each entry, row by row, (node, sign)."""
+    """An array that a program computes: its name, its shape, and (node, sign) of each entry, row by row."""
 
     name: str
-    shape: tuple
-    entries: tuple
+    shape: tuple[int, ...]
+    entries: tuple[tuple[int, int], ...]
 
 
 class Interface(NamedTuple):
-    """What callers need to know of a program.
+    """The part of a program that its callers need.
 
-    name: of the model; inputs: {name: size}, in the order of the arguments; outputs: (name, shape) of each;
-    operations: the Operations of a call.
+    Attributes
+    ----------
+    name : str
+        Name of the model.
+    inputs : dict of str to int
+        Size of each input, in the order of the arguments.
+    outputs : tuple of (str, tuple of int)
+        Name and shape of each output.
+    operations : OperationCount
+        Operations of a call.
     """
 
     name: str
-    inputs: dict
-    outputs: tuple
+    inputs: dict[str, int]
+    outputs: tuple[tuple[str, tuple[int, ...]], ...]
     operations: OperationCount
 
 
@@ -73,69 +89,103 @@ class Interface(NamedTuple):
 class Program:
     """A model as a list of statements.
 
-    name: of the model. inputs: {name: size} of the arrays that a call is given, in the order of its arguments;
-    outputs: those that it gives. parameters: names of the numbers that are given once. setup: statements that depend
-    on parameters and constants alone, computed once; statements: computed in each call. Leaves are among `leaves`.
+    Attributes
+    ----------
+    name : str
+        Name of the model.
+    inputs : dict of str to int
+        Size of each array that a call takes, in the order of its arguments.
+    parameters : tuple of str
+        Names of the numbers of the robot that have no value yet.
+    leaves : tuple of Statement
+        The inputs, parameters and constants that are used.
+    setup : tuple of Statement
+        Statements that depend on parameters and constants alone, computed once.
+    statements : tuple of Statement
+        Statements computed in each call.
+    outputs : tuple of Output
+        Arrays that a call returns.
     """
 
     name: str
-    inputs: dict
-    parameters: tuple
-    leaves: tuple
-    setup: tuple
-    statements: tuple
-    outputs: tuple
+    inputs: dict[str, int]
+    parameters: tuple[str, ...]
+    leaves: tuple[Statement, ...]
+    setup: tuple[Statement, ...]
+    statements: tuple[Statement, ...]
+    outputs: tuple[Output, ...]
 
     @cached_property
-    def operations(self):
-        """The Operations of one call: every binary +, -, × and ÷ of `statements` counts, 2x and squares too."""
+    def operations(self) -> OperationCount:
+        """The OperationCount of a call: each binary +, -, × and ÷ of `statements` counts, 2x and squares too."""
         return count_operations(self.statements)
 
     @property
-    def interface(self):
+    def interface(self) -> Interface:
         """The Interface of the program."""
-        return Interface(
-            self.name, self.inputs, tuple((output.name, output.shape) for output in self.outputs), self.operations
-        )
+        outputs = tuple((output.name, output.shape) for output in self.outputs)
+        return Interface(self.name, self.inputs, outputs, self.operations)
 
 
-def count_operations(statements):
-    """The Operations of some statements."""
-    times = Counter(statement.operation for statement in statements)
+def count_operations(statements: Iterable[Statement]) -> OperationCount:
+    """The OperationCount of some statements."""
+    counts = Counter(statement.operation for statement in statements)
     return OperationCount(
-        times[MULTIPLY],
-        times[ADD] + times[SUBTRACT],
-        times[DIVIDE],
-        times[SINE] + times[COSINE],
-        times[SQUARE_ROOT],
-        times[SIGN],
+        multiplications=counts[MULTIPLY],
+        additions=counts[ADD] + counts[SUBTRACT],
+        divisions=counts[DIVIDE],
+        trigonometric=counts[SINE] + counts[COSINE],
+        square_roots=counts[SQUARE_ROOT],
+        signs=counts[SIGN],
     )
 
 
-def build_program(trace, name, inputs, outputs):
-    """The Program that computes arrays of Scalars (or numbers) {name: array} from inputs {name: size} of a Trace."""
-    told = tuple(_output(trace, key, np.asarray(value)) for key, value in outputs.items())
-    read = _read(trace, [node for output in told for node, _ in output.entries])
-    varies = [False] * len(trace.nodes)
-    leaves, setup, statements, parameters = [], [], [], []
+def build_program(trace: Trace, name: str, inputs: Mapping[str, int], outputs: Mapping[str, ScalarArray]) -> Program:
+    """The Program that computes some arrays of a trace.
+
+    Parameters
+    ----------
+    trace : Trace
+        The recorded nodes.
+    name : str
+        Name of the program.
+    inputs : mapping of str to int
+        Size of each input of the trace, in the order of the arguments.
+    outputs : mapping of str to array of any shape
+        Arrays of Scalars of the trace, or of numbers.
+
+    Returns
+    -------
+    Program
+        Without the nodes on which no output depends.
+    """
+    traced_outputs = tuple(_output(trace, key, np.asarray(array)) for key, array in outputs.items())
+    is_used = _mark_used_nodes(trace, [node for output in traced_outputs for node, _ in output.entries])
+    depends_on_input = [False] * len(trace.nodes)
+    leaves, setup, statements = [], [], []
+    parameters = []
     for number, (operation, operands) in enumerate(trace.nodes):
         if operation == INPUT:
-            varies[number] = True
+            depends_on_input[number] = True
         elif operation not in LEAVES:
-            varies[number] = any(varies[operand] for operand in operands)
-        if not read[number]:
+            depends_on_input[number] = any(depends_on_input[operand] for operand in operands)
+        if not is_used[number]:
             continue
         statement = Statement(number, operation, operands)
         if operation in LEAVES:
             leaves.append(statement)
             if operation == PARAMETER:
                 parameters.append(operands[0])
+        elif depends_on_input[number]:
+            statements.append(statement)
         else:
-            (statements if varies[number] else setup).append(statement)
-    return Program(name, dict(inputs), tuple(parameters), tuple(leaves), tuple(setup), tuple(statements), told)
+            setup.append(statement)
+    return Program(
+        name, dict(inputs), tuple(parameters), tuple(leaves), tuple(setup), tuple(statements), traced_outputs
+    )
 
 
-def _output(trace, name, array):
+def _output(trace: Trace, name: str, array: ScalarArray) -> Output:
     entries = []
     for entry in array.ravel():
         scalar = entry if isinstance(entry, Scalar) else trace.constant(entry)
@@ -143,19 +193,19 @@ def _output(trace, name, array):
     return Output(name, array.shape, tuple(entries))
 
 
-def _read(trace, nodes):
+def _mark_used_nodes(trace: Trace, output_nodes: Iterable[int]) -> list[bool]:
     """For each node whether an output depends on it."""
-    read = [False] * len(trace.nodes)
-    for node in nodes:
-        read[node] = True
+    is_used = [False] * len(trace.nodes)
+    for node in output_nodes:
+        is_used[node] = True
     for number in range(len(trace.nodes) - 1, -1, -1):
         operation, operands = trace.nodes[number]
-        if read[number] and operation not in LEAVES:
+        if is_used[number] and operation not in LEAVES:
             for operand in operands:
-                read[operand] = True
-    return read
+                is_used[operand] = True
+    return is_used
 
 
-def constant_values(program):
-    """{number: value} of the constants among the leaves."""
+def constant_values(program: Program) -> dict[int, float]:
+    """The value of each constant among the leaves, by node number."""
     return {leaf.number: leaf.operands[0] for leaf in program.leaves if leaf.operation == CONSTANT}

@@ -1,72 +1,113 @@
-"""A scalar that records what is done with it, so that a recursion run once leaves a straight-line program behind.
+"""Scalars that record the operations on them: a recursion run once with them leaves a straight-line program.
 
-Nothing is computed that is known: 0 and ±1 fold, constants meet constants, a term that is added and taken away goes,
-and an operation that was recorded before, up to its sign, is found again by its name (hash-consing). A sign costs
+Known values are not computed: 0 and ±1 are folded, operations on constants give constants, a term that is added and
+subtracted cancels, and an operation that was recorded before, up to its sign, is reused (hash-consing). A sign costs
 nothing: a Scalar is a node and a sign, and sums and products are recorded for positive operands in one order, so that
 a - b and b - a are one node.
 """
 
 import math
+from collections.abc import Callable, Sequence
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-INPUT, PARAMETER, CONSTANT = "input", "parameter", "constant"
-ADD, SUBTRACT, MULTIPLY, DIVIDE = "add", "subtract", "multiply", "divide"
-SINE, COSINE, SQUARE_ROOT, SIGN = "sin", "cos", "sqrt", "sign"
+from robot_dynamics.array_types import ScalarArray
+
+Operation: TypeAlias = Literal[
+    "input", "parameter", "constant", "add", "subtract", "multiply", "divide", "sin", "cos", "sqrt", "sign"
+]
+"""The operation of a node."""
+
+INPUT: Literal["input"] = "input"
+PARAMETER: Literal["parameter"] = "parameter"
+CONSTANT: Literal["constant"] = "constant"
+ADD: Literal["add"] = "add"
+SUBTRACT: Literal["subtract"] = "subtract"
+MULTIPLY: Literal["multiply"] = "multiply"
+DIVIDE: Literal["divide"] = "divide"
+SINE: Literal["sin"] = "sin"
+COSINE: Literal["cos"] = "cos"
+SQUARE_ROOT: Literal["sqrt"] = "sqrt"
+SIGN: Literal["sign"] = "sign"
 LEAVES = (INPUT, PARAMETER, CONSTANT)
+
+Operands: TypeAlias = tuple[Any, ...]
+"""Node numbers; of an input its name and position in the array, of a parameter its name, of a constant its value."""
+
+Node: TypeAlias = tuple[Operation, Operands]
+"""An operation and its operands."""
+
+Number: TypeAlias = "float | np.floating[Any] | np.integer[Any]"
+"""A real number."""
+
+CONSTANT_FUNCTIONS: dict[str, Callable[[float], float]] = {
+    SINE: math.sin,
+    COSINE: math.cos,
+    SQUARE_ROOT: math.sqrt,
+    SIGN: np.sign,
+}
 
 
 class Trace:
-    """The nodes that were recorded, in the order of their first use: each (operation, operands).
+    """The recorded nodes, in the order of their first use.
 
-    Operands are numbers of nodes, of which the greatest is less than the node's own; of an input (name, place) they
-    are its name and the place in its array, of a parameter its name, of a constant its value, positive.
+    Attributes
+    ----------
+    nodes : list of (operation, operands)
+        Operands are numbers of earlier nodes; those of leaves see `Operands`. Constants are not negative.
     """
 
-    def __init__(self):
-        self.nodes = []
-        self._numbers = {}
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self._numbers: dict[Node, int] = {}
 
-    def input(self, name, size):
-        """An object array (size,) of Scalars: an array that is given anew in each call."""
-        return self._array([self._leaf((INPUT, (name, place))) for place in range(size)])
+    def input(self, name: str, size: int) -> ScalarArray:
+        """Scalars (size,) of an array that is an argument of each call."""
+        return self._array([self._leaf((INPUT, (name, position))) for position in range(size)])
 
-    def parameters(self, names):
-        """An object array of Scalars: numbers of the robot that have a name instead of a value."""
+    def parameters(self, names: Sequence[str]) -> ScalarArray:
+        """Scalars (len(names),) of numbers of the robot that have a name instead of a value."""
         return self._array([self._leaf((PARAMETER, (name,))) for name in names])
 
-    def parameter(self, name):
+    def parameter(self, name: str) -> "Scalar":
+        """The Scalar of one named number of the robot."""
         return self._leaf((PARAMETER, (name,)))
 
-    def constant(self, value):
+    def constant(self, value: Number) -> "Scalar":
         """The Scalar of a number."""
         value = float(value)
         return Scalar(self, self._number((CONSTANT, (abs(value),))), -1 if math.copysign(1.0, value) < 0 else 1)
 
     @staticmethod
-    def _array(scalars):
+    def _array(scalars: "Sequence[Scalar]") -> ScalarArray:
         array = np.empty(len(scalars), dtype=object)
         array[:] = scalars
         return array
 
-    def _leaf(self, node):
+    def _leaf(self, node: Node) -> "Scalar":
         return Scalar(self, self._number(node), 1)
 
-    def _number(self, node):
+    def _number(self, node: Node) -> int:
+        """The number of a node, recorded if it is new."""
         number = self._numbers.get(node)
         if number is None:
             number = self._numbers[node] = len(self.nodes)
             self.nodes.append(node)
         return number
 
-    def constant_value(self, number):
+    def constant_value(self, number: int) -> float | None:
         """The value of a node that is a constant, None of any other."""
         operation, operands = self.nodes[number]
-        return operands[0] if operation == CONSTANT else None
+        if operation != CONSTANT:
+            return None
+        value: float = operands[0]
+        return value
 
-    def sum(self, a, b):
-        """a + b, for Scalars."""
-        x, y = self.constant_value(a.node), self.constant_value(b.node)
+    def sum(self, a: "Scalar", b: "Scalar") -> "Scalar":
+        """a + b."""
+        x = self.constant_value(a.node)
+        y = self.constant_value(b.node)
         if x is not None and y is not None:
             return self.constant(a.sign * x + b.sign * y)
         if x == 0:
@@ -75,29 +116,30 @@ class Trace:
             return a
         if a.node == b.node and a.sign != b.sign:
             return self.constant(0)
-        for one, other in ((a, b), (b, a)):
-            rest = self._rest(one, other)
-            if rest is not None:
-                return rest
+        for term, total in ((a, b), (b, a)):
+            remainder = self._cancel_term(term, total)
+            if remainder is not None:
+                return remainder
         if b.node < a.node:
             a, b = b, a
-        operation = ADD if a.sign == b.sign else SUBTRACT
+        operation: Operation = ADD if a.sign == b.sign else SUBTRACT
         return Scalar(self, self._number((operation, (a.node, b.node))), a.sign)
 
-    def _rest(self, one, other):
-        """What is left of `other`, a sum, when `one` takes a term of it away, as in a - (a + b); else None."""
-        operation, operands = self.nodes[other.node]
+    def _cancel_term(self, term: "Scalar", total: "Scalar") -> "Scalar | None":
+        """The other term of `total`, a sum of which `term` is the negative of a term, as in a - (a + b); else None."""
+        operation, operands = self.nodes[total.node]
         if operation not in (ADD, SUBTRACT):
             return None
-        signs = other.sign, other.sign if operation == ADD else -other.sign
-        for here, there in ((0, 1), (1, 0)):
-            if operands[here] == one.node and signs[here] == -one.sign:
-                return Scalar(self, operands[there], signs[there])
+        signs = total.sign, total.sign if operation == ADD else -total.sign
+        for cancelled, remaining in ((0, 1), (1, 0)):
+            if operands[cancelled] == term.node and signs[cancelled] == -term.sign:
+                return Scalar(self, operands[remaining], signs[remaining])
         return None
 
-    def product(self, a, b):
-        """a b, for Scalars."""
-        x, y = self.constant_value(a.node), self.constant_value(b.node)
+    def product(self, a: "Scalar", b: "Scalar") -> "Scalar":
+        """a b."""
+        x = self.constant_value(a.node)
+        y = self.constant_value(b.node)
         sign = a.sign * b.sign
         if x is not None and y is not None:
             return self.constant(sign * x * y)
@@ -109,13 +151,14 @@ class Trace:
             return Scalar(self, a.node, sign)
         return Scalar(self, self._number((MULTIPLY, (min(a.node, b.node), max(a.node, b.node)))), sign)
 
-    def quotient(self, a, b):
-        """a / b, for Scalars; by a constant it is a product."""
-        x, y = self.constant_value(a.node), self.constant_value(b.node)
+    def quotient(self, a: "Scalar", b: "Scalar") -> "Scalar":
+        """a / b; by a constant it is a product. Raises ZeroDivisionError where b is the constant zero."""
+        x = self.constant_value(a.node)
+        y = self.constant_value(b.node)
         sign = a.sign * b.sign
         if y is not None:
             if y == 0:
-                raise ZeroDivisionError("division by what is zero whatever is given")
+                raise ZeroDivisionError("division by an expression that is always zero")
             return self.product(a, self.constant(b.sign / y))
         if x == 0:
             return self.constant(0)
@@ -123,12 +166,11 @@ class Trace:
             return self.constant(sign)
         return Scalar(self, self._number((DIVIDE, (a.node, b.node))), sign)
 
-    def function(self, operation, a):
-        """A function of one Scalar."""
+    def function(self, operation: Operation, a: "Scalar") -> "Scalar":
+        """The sine, cosine, square root or sign of a Scalar."""
         value = self.constant_value(a.node)
         if value is not None:
-            exact = {SINE: math.sin, COSINE: math.cos, SQUARE_ROOT: math.sqrt, SIGN: np.sign}[operation]
-            return self.constant(exact(a.sign * value))
+            return self.constant(CONSTANT_FUNCTIONS[operation](a.sign * value))
         if operation == COSINE:
             return Scalar(self, self._number((operation, (a.node,))), 1)
         if operation in (SINE, SIGN):  # odd
@@ -139,63 +181,66 @@ class Trace:
 
 
 class Scalar:
-    """A node of a Trace and a sign. Has the operations that the recursions use and no other; no value, no order."""
+    """A node of a Trace and a sign, with the operations that the recursions use. It has no value and no order."""
 
     __slots__ = ("node", "sign", "trace")
 
-    def __init__(self, trace, node, sign):
-        self.trace, self.node, self.sign = trace, node, sign
+    def __init__(self, trace: Trace, node: int, sign: int) -> None:
+        self.trace = trace
+        self.node = node
+        self.sign = sign
 
-    def _with(self, other, record):
-        """What `record` makes of this Scalar and another one, or a number."""
+    def _combine(self, other: object, record: "Callable[[Scalar, Scalar], Scalar]") -> Any:
+        """The result of `record` for this Scalar and another Scalar or number."""
         if isinstance(other, np.ndarray):
-            return NotImplemented  # the array does it for each of its entries
+            return NotImplemented  # the array combines each of its entries
         if not isinstance(other, Scalar):
-            return record(self, self.trace.constant(other))
+            return record(self, self.trace.constant(other))  # type: ignore[arg-type]  # float() refuses all but numbers
         if other.trace is not self.trace:
-            raise ValueError("scalars of two traces do not go together")
+            raise ValueError("scalars of two traces cannot be combined")
         return record(self, other)
 
-    def __add__(self, other):
-        return self._with(other, self.trace.sum)
+    def __add__(self, other: object) -> Any:
+        return self._combine(other, self.trace.sum)
 
-    def __sub__(self, other):
-        return self._with(other, lambda a, b: self.trace.sum(a, -b))
+    def __sub__(self, other: object) -> Any:
+        return self._combine(other, lambda a, b: self.trace.sum(a, -b))
 
-    def __rsub__(self, other):
-        return self._with(other, lambda a, b: self.trace.sum(b, -a))
+    def __rsub__(self, other: object) -> Any:
+        return self._combine(other, lambda a, b: self.trace.sum(b, -a))
 
-    def __mul__(self, other):
-        return self._with(other, self.trace.product)
+    def __mul__(self, other: object) -> Any:
+        return self._combine(other, self.trace.product)
 
-    def __truediv__(self, other):
-        return self._with(other, self.trace.quotient)
+    def __truediv__(self, other: object) -> Any:
+        return self._combine(other, self.trace.quotient)
 
-    def __rtruediv__(self, other):
-        return self._with(other, lambda a, b: self.trace.quotient(b, a))
+    def __rtruediv__(self, other: object) -> Any:
+        return self._combine(other, lambda a, b: self.trace.quotient(b, a))
 
-    def __neg__(self):
+    def __neg__(self) -> "Scalar":
         return Scalar(self.trace, self.node, -self.sign)
 
-    def __pos__(self):
+    def __pos__(self) -> "Scalar":
         return self
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
-    def sin(self):
+    def sin(self) -> "Scalar":
         return self.trace.function(SINE, self)
 
-    def cos(self):
+    def cos(self) -> "Scalar":
         return self.trace.function(COSINE, self)
 
-    def sqrt(self):
+    def sqrt(self) -> "Scalar":
         return self.trace.function(SQUARE_ROOT, self)
 
-    def signum(self):
+    def signum(self) -> "Scalar":
         return self.trace.function(SIGN, self)
 
-    def __bool__(self):
-        raise TypeError("a recorded scalar has no value to decide on: the recursion must not branch on it")
+    def __bool__(self) -> bool:
+        raise TypeError("a recorded scalar has no truth value: a recursion must not branch on it")
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"{'-' if self.sign < 0 else ''}v{self.node}"

@@ -52,7 +52,8 @@ HOSTILE = [
     "q1",
     "t1",
     "s_q1",
-    *"settled given sign_of double int restrict typename NAN INFINITY I M_PI sin y0 printf main exp gamma".split(),
+    *"constants parameters sign_of double int restrict typename NAN INFINITY I M_PI".split(),
+    *"sin y0 printf main exp gamma".split(),
 ]
 pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C compiler is here")
 
@@ -88,9 +89,9 @@ class Compiled:
     def __call__(self, inputs, parameters=None):
         arguments = [numbers_of(values) for values in inputs.values()]
         if self.setup:
-            settled = numbers_of([0.0] * (len(self.program.parameters) + len(self.program.setup)))
-            self.setup(settled, numbers_of([parameters[name] for name in self.program.parameters]))
-            arguments.append(settled)
+            constants = numbers_of([0.0] * (len(self.program.parameters) + len(self.program.setup)))
+            self.setup(constants, numbers_of([parameters[name] for name in self.program.parameters]))
+            arguments.append(constants)
         outputs = [numbers_of([0.0] * len(output.entries)) for output in self.program.outputs]
         self.function(*arguments, *outputs)
         return [list(output) for output in outputs]
@@ -100,10 +101,10 @@ def numbers_of(values):
     return (ctypes.c_double * len(values))(*values)
 
 
-def same(found, expected):
-    """Lists of numbers, equal but for rounding."""
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+def same(actual, expected):
+    """Assert that lists of numbers are equal except for rounding."""
+    for values, expected_values in zip(actual, expected, strict=True):
+        np.testing.assert_allclose(values, expected_values, rtol=1e-12, atol=1e-12)
 
 
 def panda_programs(robot):
@@ -114,16 +115,16 @@ def panda_programs(robot):
     forces, wrenches = inverse_dynamics(robot, sweep, qdd, gravity)
     coulomb, gear = trace.parameter("Coulomb friction"), trace.parameter("gear")
     rubbed = forces + np.array([gear * gear * coulomb * rate.signum() for rate in qd])
-    found = articulated_body.solve(robot, sweep, [None] * 7, list(efforts[:, None]), gravity).accelerations
+    accelerations = articulated_body.solve(robot, sweep, [None] * 7, list(efforts[:, None]), gravity).accelerations
     return [
         build_program(trace, "inverse", {"q": 7, "qd": 7, "qdd": 7}, {"efforts": rubbed, "wrenches": wrenches}),
-        build_program(trace, "direct", {"q": 7, "qd": 7, "efforts": 7}, {"accelerations": found}),
+        build_program(trace, "direct", {"q": 7, "qd": 7, "efforts": 7}, {"accelerations": accelerations}),
     ]
 
 
 @pytest.mark.parametrize("number", range(2))
 @pytest.mark.parametrize("form", ["as described", "gathered"])
-def test_models_of_the_panda_agree(tmp_path, form, number):
+def test_generated_c_agrees_for_models_of_the_panda(tmp_path, form, number):
     robot = load_robot("panda")
     program = panda_programs(robot if form == "as described" else group_inertial_parameters(robot))[number]
     compiled = Compiled(tmp_path, program, prefix="panda_", joint_names=[joint.name for joint in robot.joints])
@@ -131,40 +132,41 @@ def test_models_of_the_panda_agree(tmp_path, form, number):
     function = python_function(program, parameters)
     for sample in np.random.default_rng(number).uniform(-2, 2, (5, 3, 7)):
         inputs = dict(zip(program.inputs, sample, strict=True))
-        found, answer = compiled(inputs, parameters), function(*sample)
-        same(found, interpreted(program, inputs, parameters))
-        same(found, answer if len(program.outputs) > 1 else [answer])
+        from_c = compiled(inputs, parameters)
+        from_python = function(*sample)
+        same(from_c, interpreted(program, inputs, parameters))
+        same(from_c, from_python if len(program.outputs) > 1 else [from_python])
 
 
 @settings(deadline=None, max_examples=25)
 @given(programs(), st.lists(st.lists(NUMBERS, min_size=7, max_size=7), min_size=10, max_size=10))
-def test_random_programs_compute_what_their_statements_mean(program, samples):
+def test_random_programs_agree_with_their_statements(program, samples):
     with tempfile.TemporaryDirectory() as folder:
         compiled = Compiled(folder, program)
     for numbers in samples:
         inputs, parameters = {"x": numbers[:3], "s_x": numbers[3:5]}, {"gear": numbers[5], "t1": numbers[6]}
-        found = compiled(inputs, parameters)
+        actual = compiled(inputs, parameters)
         expected = interpreted(program, inputs, parameters)
-        for other in (expected, python_function(program, parameters)(*inputs.values())):
-            for one, two in zip(found, other, strict=True):
-                np.testing.assert_allclose(one, two, rtol=1e-12)
+        for reference in (expected, python_function(program, parameters)(*inputs.values())):
+            for values, reference_values in zip(actual, reference, strict=True):
+                np.testing.assert_allclose(values, reference_values, rtol=1e-12)
 
 
 def hostile_program(name):
     """A program in which everything bears the name, or almost."""
     trace = Trace()
-    x, p = trace.input(name, 2), trace.parameters([name, name + "_settled"])
+    x, p = trace.input(name, 2), trace.parameters([name, name + "_constants"])
     outputs = {name: [x[0].sin() * p[0], x[1].signum()], name + "_setup": x * p[1] * p[0]}
     return build_program(trace, name, {name: 2, "unread": 3, "none": 0}, outputs)
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_no_name_becomes_code(tmp_path, name):
+def test_names_do_not_become_code(tmp_path, name):
     program = hostile_program(name)
     options = {"joint_names": [name, *HOSTILE], "prefix": ""}
-    found = Compiled(tmp_path, program, **options)
-    answer = found({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_settled": 2.0})
-    same(answer, [[3 * math.sin(0.5), -1.0], [3.0, -12.0]])
+    compiled = Compiled(tmp_path, program, **options)
+    results = compiled({name: [0.5, -2.0], "unread": [0] * 3, "none": []}, {name: 3.0, name + "_constants": 2.0})
+    same(results, [[3 * math.sin(0.5), -1.0], [3.0, -12.0]])
     for text in c_source(program, **options):
         assert re.fullmatch(r"[ -~\n]*", text) and not re.search(r'\?\?|[\\%]|"(?!C"|[A-Za-z0-9_]+\.h"|\s|$)', text)
         bare = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
@@ -173,7 +175,7 @@ def test_no_name_becomes_code(tmp_path, name):
 
 
 @pytest.mark.parametrize("compiler", [*COMPILERS[1:], *CPP_COMPILERS])
-def test_every_other_compiler_takes_it_without_a_warning(tmp_path, compiler):
+def test_generated_c_compiles_without_warnings(tmp_path, compiler):
     language = ["-x", "c++"] if "++" in Path(compiler).name else ["-std=c99"]
     for name in [*HOSTILE[9:], "class"]:
         run(
@@ -181,7 +183,7 @@ def test_every_other_compiler_takes_it_without_a_warning(tmp_path, compiler):
         )
 
 
-def test_cpp_calls_it_by_its_name(tmp_path):
+def test_generated_c_is_callable_from_cpp(tmp_path):
     if not CPP_COMPILERS:
         pytest.skip("no C++ compiler is here")
     trace = Trace()
@@ -198,15 +200,15 @@ def test_cpp_calls_it_by_its_name(tmp_path):
     run(tmp_path / "main")
 
 
-def test_numbers_are_written_exactly(tmp_path):
+def test_literals_are_exact(tmp_path):
     numbers = [*SPECIAL, 0.1, 2.0**53 - 1, 1 / 3, 2.2250738585072011e-308, 1.7976931348623157e308]
     program = build_program(Trace(), "numbers", {}, {"out": numbers})
-    (found,) = Compiled(tmp_path, program)({})
-    np.testing.assert_array_equal(found, numbers)
-    np.testing.assert_array_equal(np.signbit(found), np.signbit(numbers))
+    (written_numbers,) = Compiled(tmp_path, program)({})
+    np.testing.assert_array_equal(written_numbers, numbers)
+    np.testing.assert_array_equal(np.signbit(written_numbers), np.signbit(numbers))
 
 
-def test_outputs_may_lie_where_inputs_do(tmp_path):
+def test_outputs_may_overlap_inputs(tmp_path):
     trace = Trace()
     x, y = trace.input("x", 2), trace.input("y", 2)
     program = build_program(trace, "swap", {"x": 2, "y": 2}, {"a": [y[1], x[0] + y[0]], "b": [x[1], x[0]]})
@@ -216,8 +218,8 @@ def test_outputs_may_lie_where_inputs_do(tmp_path):
     assert [*x, *y] == [4, 4, 2, 1]
 
 
-def test_nothing_is_there_but_the_functions(tmp_path):
-    """Neither variables that calls could share nor functions of others but those of math.h."""
+def test_object_file_defines_only_the_functions(tmp_path):
+    """It has no variables that calls could share, and uses only functions of math.h."""
     if not (nm := shutil.which("nm")):
         pytest.skip("nm, which lists symbols, is not here")
     source = written(tmp_path, hostile_program("arm"))
@@ -230,15 +232,23 @@ def test_nothing_is_there_but_the_functions(tmp_path):
     assert symbols.pop("U") <= {"sin", "GLOBAL_OFFSET_TABLE"} and set(symbols) <= {"r", "R", "n", "N"}
 
 
-def test_comments_tell_joints_units_and_operations():
+def test_comments_contain_joints_units_and_operations():
     robot = load_robot("panda")
     program = panda_programs(robot)[0]
     names = [joint.name for joint in robot.joints]
     header, _ = c_source(program, prefix="panda_", joint_names=names)
     count = program.operations
-    told = [*names, "[rad or m]", "[N m or N]", "q: 7 numbers", "wrenches: 48 numbers", "(8, 6)", "0: Coulomb friction"]
-    told += [f"multiplications {count.multiplications}", f"additions {count.additions}", f"signs {count.signs}"]
-    assert all(words in header for words in told)
+    words = [
+        *names,
+        "[rad or m]",
+        "[N m or N]",
+        "q: 7 numbers",
+        "wrenches: 48 numbers",
+        "(8, 6)",
+        "0: Coulomb friction",
+    ]
+    words += [f"multiplications {count.multiplications}", f"additions {count.additions}", f"signs {count.signs}"]
+    assert all(word in header for word in words)
     assert "void panda_inverse(const double q[7], const double qd[7], const double qdd[7]," in header
 
 
@@ -252,22 +262,22 @@ int main(void)
 {{
     const double special[] = {{0.0, -0.0, 5e-324, 1e308, -1e308, INFINITY, -INFINITY, NAN, 0.5, -2.0}};
     for (int round = 0; round < 40; ++round) {{
-        {name}_settled *settled = malloc(sizeof *settled);
-        double *given = malloc({given} * sizeof(double));
+        {name}_constants *constants = malloc(sizeof *constants);
+        double *parameters = malloc({parameters} * sizeof(double));
         double *in[{inputs}], *out[{outputs}];
         const size_t sizes[] = {{{sizes}}};
-        for (int k = 0; k < {given}; ++k) given[k] = special[(round + k) % 10];
+        for (int k = 0; k < {parameters}; ++k) parameters[k] = special[(round + k) % 10];
         for (int k = 0; k < {inputs} + {outputs}; ++k) {{
-            double *numbers = malloc(sizes[k] * sizeof(double)); /* as many as are told, so that one more is seen */
+            double *numbers = malloc(sizes[k] * sizeof(double)); /* no more than declared */
             if (k < {inputs}) in[k] = numbers; else out[k - {inputs}] = numbers;
-            for (size_t place = 0; place < sizes[k]; ++place) numbers[place] = special[(round + place * 3) % 10];
+            for (size_t index = 0; index < sizes[k]; ++index) numbers[index] = special[(round + index * 3) % 10];
         }}
-        {name}_setup(settled, given);
+        {name}_setup(constants, parameters);
         {name}({call});
         for (int k = 0; k < {inputs}; ++k) free(in[k]);
         for (int k = 0; k < {outputs}; ++k) free(out[k]);
-        free(settled);
-        free(given);
+        free(constants);
+        free(parameters);
     }}
     return 0;
 }}
@@ -284,11 +294,11 @@ def test_sanitisers_find_nothing(tmp_path):
     source = written(tmp_path, program)
     main = MAIN.format(
         name=source.stem,
-        given=len(program.parameters),
+        parameters=len(program.parameters),
         inputs=len(program.inputs),
         outputs=len(program.outputs),
         sizes=", ".join(map(str, sizes)),
-        call="in[0], in[1], in[2], settled, out[0], out[1]",
+        call="in[0], in[1], in[2], constants, out[0], out[1]",
     )
     (tmp_path / "main.c").write_text(main)
     run(COMPILERS[0], *flags, tmp_path / "main.c", source, "-o", tmp_path / "main", "-lm")

@@ -1,5 +1,5 @@
-"""Generated Python, generated C and the recursions agree on every robot that ships and every real one: C compiled with
-all warnings as errors and the undefined-behaviour sanitiser."""
+"""Generated Python, generated C and the recursions agree on every shipped and real robot. C is compiled with all
+warnings as errors and the undefined-behaviour sanitiser."""
 
 import ctypes
 import shutil
@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from peers.random_robots import digits_left, random_states
 from peers.real_robots import REAL_ROBOTS, real_urdf
+from peers.traced_models import shipped_program, shipped_robot
 
-from robot_dynamics import Base, Dynamics, load_robot, shipped_robots
+from robot_dynamics import Base, Dynamics, shipped_robots
 from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
-from robot_dynamics.codegen.trace.models import direct_model, inverse_model
+from robot_dynamics.codegen.jit.compiled_models import MODELS
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 SAMPLES = 3
@@ -23,31 +24,31 @@ COMPILER = shutil.which("cc")
 ROBOTS = [*(f"shipped {name}" for name in shipped_robots()), *REAL_ROBOTS]
 
 
-def error(found, expected):
-    return np.abs(found - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-6)
+def error(actual, expected):
+    return np.abs(actual - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-6)
 
 
-def python_of(program, names):
-    """The written module's function, giving flat arrays."""
+def python_code(program, names):
+    """The function of the generated module, returning flat arrays."""
     scope = {}
     exec(compile(python_source(program, names), "generated", "exec"), scope)
-    one = len(program.outputs) == 1
+    is_single = len(program.outputs) == 1
 
     def call(*arguments):
         results = scope[program.name](*(list(argument) for argument in arguments))
-        return [np.ravel(result) for result in ([results] if one else results)]
+        return [np.ravel(result) for result in ([results] if is_single else results)]
 
     return call
 
 
-def c_of(program, names, folder):
-    """The compiled C function, giving flat arrays."""
+def c_code(program, names, folder):
+    """The compiled C function, returning flat arrays."""
     name = c_name(program)
     header, source = c_source(program, joint_names=names)
     (folder / f"{name}.h").write_text(header)
     (folder / f"{name}.c").write_text(source)
     library = folder / f"{name}.so"
-    for sanitise in (SANITISE, []):  # some compilers come without the sanitiser's library
+    for sanitise in (SANITISE, []):  # some compilers have no sanitiser library
         command = [COMPILER, *FLAGS, *sanitise, f"{name}.c", "-o", str(library), "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
         if done.returncode == 0 or "cannot find" not in done.stderr:
@@ -68,29 +69,30 @@ def c_of(program, names, folder):
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_generated_python_and_c_agree_with_the_recursions(name, tmp_path):
-    robot = load_robot(name.split()[1]) if name.startswith("shipped") else read_urdf(real_urdf(name))
+    is_shipped = name.startswith("shipped")
+    robot = shipped_robot(name.split()[1]) if is_shipped else read_urdf(real_urdf(name))
     dynamics = Dynamics(robot, compiled=False)
     if not dynamics.joint_names:
         pytest.skip("a single body: there is no joint to compute")
     states = random_states(robot, len(dynamics.joint_names), SAMPLES, 4)
     qdd = states.qdd.copy()
     qdd[:, [dynamics.joint_names.index(joint) for joint in dynamics.unactuated_joint_names]] = 0
-    for model in (inverse_model, direct_model):
-        program = model(robot)
-        codes = [python_of(program, dynamics.joint_names), c_of(program, dynamics.joint_names, tmp_path)]
+    for model in ("inverse", "direct"):
+        program = shipped_program(name.split()[1], model) if is_shipped else MODELS[model](robot)
+        functions = [python_code(program, dynamics.joint_names), c_code(program, dynamics.joint_names, tmp_path)]
         for k in range(SAMPLES):
             base = Base(states.base.pose[k], states.base.twist[k]) if robot.moving_base else None
-            moving = (base.twist, base.pose[:3, :3].T @ robot.gravity) if base else ()
+            base_arguments = (base.twist, base.pose[:3, :3].T @ robot.gravity) if base else ()
             q, qd = states.q[k], states.qd[k]
             expected = dynamics.solve(q, qd, qdd=qdd[k], base=base)
-            given, result, tolerance = qdd[k], expected.efforts, 1e-12
+            last_argument, result, tolerance = qdd[k], expected.efforts, 1e-12
             if dynamics.unactuated_joint_names or robot.moving_base:
                 tolerance *= max(1, np.linalg.cond(dynamics.inertia_matrix(q)) / 1e3)
-            if model is direct_model:
-                given, result = expected.efforts, expected.accelerations
-                tolerance = max(1e-12, digits_left(dynamics.inertia_matrix(q), given, result))
-            found = [code(q, qd, given, *moving) for code in codes]
-            for mine in found:
-                assert error(mine[0], result) < tolerance
-            for mine, other in zip(*found, strict=True):
-                assert error(mine, other) < 1e-12
+            if model == "direct":
+                last_argument, result = expected.efforts, expected.accelerations
+                tolerance = max(1e-12, digits_left(dynamics.inertia_matrix(q), last_argument, result))
+            from_python, from_c = (function(q, qd, last_argument, *base_arguments) for function in functions)
+            for results in (from_python, from_c):
+                assert error(results[0], result) < tolerance
+            for python_array, c_array in zip(from_python, from_c, strict=True):
+                assert error(python_array, c_array) < 1e-12

@@ -1,4 +1,4 @@
-"""Background work goes on one piece at a time, only for who is still there, and holds no program back at its end."""
+"""Background work runs one piece at a time, only for objects that exist, and does not delay the end of a program."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ class Worker:
             self.all_done.set()
 
 
-def test_work_is_done_in_its_order_by_one_other_thread():
+def test_background_work_runs_in_order_in_one_thread():
     worker = Worker()
     for number in range(20):
         run_in_background(worker.work, number, 19)
@@ -36,28 +36,28 @@ def test_work_is_done_in_its_order_by_one_other_thread():
     assert threading.current_thread() not in {thread for _, thread in worker.done}
 
 
-def test_work_for_an_object_that_is_gone_is_left_undone():
+def test_background_work_of_deleted_objects_is_skipped():
     blocker, gate, ran = Worker(), threading.Event(), []
 
     class Blocked:
         def wait(self):
             gate.wait(60)
 
-    class Gone:
+    class Deleted:
         def work(self):
             ran.append(True)
 
-    blocked, gone = Blocked(), Gone()
+    blocked, deleted = Blocked(), Deleted()
     run_in_background(blocked.wait)
-    run_in_background(gone.work)
-    del gone
+    run_in_background(deleted.work)
+    del deleted
     gate.set()
     run_in_background(blocker.work, 0, 0)
     assert blocker.all_done.wait(60)
     assert not ran
 
 
-def test_a_program_that_ends_waits_for_no_more_than_what_is_being_done():
+def test_exiting_program_waits_only_for_running_work():
     code = """
 import time
 from robot_dynamics.codegen.jit.background import run_in_background
@@ -77,9 +77,9 @@ time.sleep(0.15)
     assert not ended.stderr
 
 
-def test_after_a_fork_the_child_compiles_too():
+def test_forked_child_compiles_too():
     dynamics = Dynamics(load_robot("rx90"))
-    dynamics.compile("inverse")  # the thread of the parent is at work or was
+    dynamics.compile("inverse")  # the parent has or had a background thread
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:

@@ -1,4 +1,4 @@
-"""Object code on disk: found again, by other processes too, and never trusted where others may write."""
+"""Object code on disk: other processes load it too, and it is not trusted where other users may write."""
 
 import os
 import subprocess
@@ -16,7 +16,7 @@ from robot_dynamics.codegen.trace.scalar import Trace
 llvm_engine = pytest.importorskip("robot_dynamics.codegen.jit.engine", reason="llvmlite is not installed")
 PROGRAM = """
 from robot_dynamics.codegen.jit.compiled_program import compile_program
-from robot_dynamics.codegen.trace.program import program_for
+from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 import numpy as np
 import sys
@@ -25,7 +25,7 @@ trace = Trace()
 a = trace.input("a", 40)
 for _ in range(3):
     a = np.sin(a) * np.roll(a, 1) + 0.5
-made = compile_program(program_for(trace, "long", {"a": 40}, {"b": a}))
+made = compile_program(build_program(trace, "long", {"a": 40}, {"b": a}))
 print(repr(made.evaluate(np.arange(40.0)).sum()), repr(made.batch(np.arange(400.0).reshape(10, 40)).sum()))
 """
 
@@ -40,20 +40,20 @@ def works():
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch, no_background_work):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 
 @pytest.fixture
-def compilations(monkeypatch):
-    """The list of the modules that were compiled, not loaded."""
+def compilations(monkeypatch, no_background_work):
+    """The list of the modules that were compiled, not loaded from the cache."""
     texts, compiled = [], llvm_engine.compile_ir
     monkeypatch.setattr(llvm_engine, "compile_ir", lambda text: texts.append(text) or compiled(text))
     return texts
 
 
-def test_compiles_once(folder, compilations):
+def test_modules_are_compiled_once(folder, compilations):
     assert works()
     assert len(compilations) == 2  # the program, and what checks the arguments of all programs
     assert works()
@@ -62,7 +62,7 @@ def test_compiles_once(folder, compilations):
     assert not list(folder.glob(".*")), "a temporary file was left"
 
 
-def test_another_processor_or_version_compiles_anew(folder, compilations, monkeypatch):
+def test_other_processor_or_version_is_compiled_again(folder, compilations, monkeypatch):
     assert works()
     triple, name, features = llvm_engine.host_target()
     monkeypatch.setattr(llvm_engine, "host_target", lambda: (triple, name, features + ",-sse4a"))
@@ -72,10 +72,17 @@ def test_another_processor_or_version_compiles_anew(folder, compilations, monkey
     assert len(compilations) == 6
 
 
-@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[:-1], lambda content: content[1:],
-                                    lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
-                                    lambda content: content + b"\0"])  # fmt: skip
-def test_damaged_files_are_made_anew(folder, compilations, damage):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[:-1],
+        lambda content: content[1:],
+        lambda content: content[:200] + bytes([content[200] ^ 1]) + content[201:],
+        lambda content: content + b"\0",
+    ],
+)
+def test_damaged_files_are_replaced(folder, compilations, damage):
     assert works()
     for file in folder.iterdir():
         file.write_bytes(damage(file.read_bytes()))
@@ -85,7 +92,7 @@ def test_damaged_files_are_made_anew(folder, compilations, damage):
     assert len(compilations) == 4
 
 
-def test_whole_files_that_do_not_link_are_made_anew(folder, compilations):
+def test_complete_files_that_do_not_link_are_replaced(folder, compilations):
     assert works()
     for file in folder.iterdir():
         file.unlink()
@@ -97,7 +104,7 @@ def test_whole_files_that_do_not_link_are_made_anew(folder, compilations):
 
 
 @pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
-def test_directory_that_others_may_write_is_left_alone(folder, compilations, mode):
+def test_directory_writable_by_others_is_not_used(folder, compilations, mode):
     folder.mkdir()
     folder.chmod(mode)
     assert works() and works()
@@ -105,7 +112,7 @@ def test_directory_that_others_may_write_is_left_alone(folder, compilations, mod
     assert not list(folder.iterdir())
 
 
-def test_directory_or_file_of_another_user_is_left_alone(folder, compilations, monkeypatch):
+def test_directory_of_another_user_is_not_used(folder, compilations, monkeypatch):
     assert works()
     own = os.geteuid()
     monkeypatch.setattr(os, "geteuid", lambda: own + 1)
@@ -114,7 +121,7 @@ def test_directory_or_file_of_another_user_is_left_alone(folder, compilations, m
     assert len(compilations) == 4
 
 
-def test_file_that_others_may_write_and_links_are_not_read(folder):
+def test_files_writable_by_others_and_links_are_not_read(folder):
     llvm_cache.store("key", b"image")
     (file,) = folder.iterdir()
     assert llvm_cache.load("key") == b"image"
@@ -126,17 +133,17 @@ def test_file_that_others_may_write_and_links_are_not_read(folder):
     assert llvm_cache.load("key") is None
 
 
-@pytest.mark.parametrize("place", ["", "/dev/null", "/proc/no/such", "/dev/null/below", "\0", "~nobody-of-that-name/x"])
-def test_unusable_directory_means_no_cache(monkeypatch, compilations, place):
-    if "\0" in place:
-        monkeypatch.setattr(llvm_cache, "cache_directory", lambda: Path(place).stat())
+@pytest.mark.parametrize("path", ["", "/dev/null", "/proc/no/such", "/dev/null/below", "\0", "~nobody-of-that-name/x"])
+def test_unusable_directory_means_no_cache(monkeypatch, compilations, path):
+    if "\0" in path:
+        monkeypatch.setattr(llvm_cache, "cache_directory", lambda: Path(path).stat())
     else:
-        monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", place)
+        monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", path)
     assert works() and works()
     assert len(compilations) == 4
 
 
-def test_places(monkeypatch, tmp_path):
+def test_cache_directory_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.delenv("ROBOT_DYNAMICS_CACHE", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
@@ -145,7 +152,7 @@ def test_places(monkeypatch, tmp_path):
     assert llvm_cache.cache_directory() == tmp_path / "home" / ".cache" / "robot_dynamics"
 
 
-def test_old_files_make_room(folder, monkeypatch):
+def test_old_files_are_removed(folder, monkeypatch):
     monkeypatch.setattr(llvm_cache, "MAX_FILES", 10)
     for number in range(30):
         llvm_cache.store(str(number), b"image")
@@ -153,14 +160,14 @@ def test_old_files_make_room(folder, monkeypatch):
     assert llvm_cache.load("29") == b"image"
 
 
-def test_processes_that_build_at_once(folder):
+def test_processes_that_compile_at_once_agree(folder):
     root = Path(llvm_cache.__file__).parents[3]
     environment = {**os.environ, "ROBOT_DYNAMICS_CACHE": str(folder), "PYTHONPATH": str(root)}
     started = [
         subprocess.Popen([sys.executable, "-c", PROGRAM], env=environment, stdout=subprocess.PIPE, text=True)
         for _ in range(3)
     ]
-    told = {process.communicate(timeout=120)[0] for process in started}
+    outputs = {process.communicate(timeout=120)[0] for process in started}
     assert all(process.returncode == 0 for process in started)
-    assert len(told) == 1 and told.pop().strip()
+    assert len(outputs) == 1 and outputs.pop().strip()
     assert all(file.name.endswith(llvm_cache.SUFFIX) for file in folder.iterdir())

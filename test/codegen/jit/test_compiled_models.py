@@ -1,4 +1,4 @@
-"""Dynamics with compiled models: the same answers and refusals as the recursions, whatever is ready when."""
+"""Dynamics with compiled models: the same results and errors as the recursions, whichever programs are ready."""
 
 import pickle
 import subprocess
@@ -17,18 +17,18 @@ from robot_dynamics.codegen.jit.compiled_models import MODELS, PythonProgram
 from robot_dynamics.codegen.program_calls import program_key
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
-# of parallel robots in space, whose seven programs take seconds each, two are compiled in nodes/constraints.test_closed_loops
+# constraints/test_closed_loops compiles two spatial parallel robots, whose seven programs take seconds each
 SHIPPED = [name for name in shipped_robots() if name == "navaro" or not load_robot(name).platforms]
 
 
-def error(found, expected):
-    return np.abs(found - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-6)
+def error(actual, expected):
+    return np.abs(actual - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-6)
 
 
-def compiled(robot, *questions):
-    """A Dynamics in which the programs of (model, base, wrenches) are there already."""
+def compiled_dynamics(robot, *keys):
+    """A Dynamics in which the programs of some (model, base, wrenches) are ready."""
     dynamics = Dynamics(robot)
-    for model, base, wrenches in questions:
+    for model, base, wrenches in keys:
         dynamics._programs.get(*program_key(model, robot, base, wrenches))
     return dynamics
 
@@ -47,19 +47,19 @@ def check(robot, seed, samples=4, tolerance=1e-12):
     condition = max(1, np.linalg.cond(core.inertia_matrix(states.q)).max() / 1e3) if len(core.joint_names) else 1
     for base in bases:
         for wrenches in ({}, states.wrenches):
-            question = {"base": base, "external_wrenches": wrenches}
-            fast = compiled(robot, ("inverse", base, wrenches), ("direct", base, wrenches))
-            efforts = core.inverse(states.q, states.qd, qdd, **question)
+            options = {"base": base, "external_wrenches": wrenches}
+            fast = compiled_dynamics(robot, ("inverse", base, wrenches), ("direct", base, wrenches))
+            efforts = core.inverse(states.q, states.qd, qdd, **options)
             solved = core.unactuated_joint_names or (robot.moving_base and base.acceleration is None)
-            found = fast.inverse(states.q, states.qd, qdd, **question)
-            assert error(found, efforts) < tolerance * (condition if solved else 1)
-            expected = core.direct(states.q, states.qd, efforts, **question)
-            lost = digits_left(core.inertia_matrix(states.q), efforts, expected)
-            found = fast.direct(states.q, states.qd, efforts, **question)
-            assert error(found, expected) < max(tolerance * condition, lost)
-            # and no other ones but that which closes loops, made beside where this takes long
-            assert {key[0] for key in fast._programs._programs} - {"closure"} == {"inverse", "direct"}
-    fast = compiled(robot, *((model, None, {}) for model in ("inertia_matrix", "gravity", "coriolis")))
+            actual = fast.inverse(states.q, states.qd, qdd, **options)
+            assert error(actual, efforts) < tolerance * (condition if solved else 1)
+            expected = core.direct(states.q, states.qd, efforts, **options)
+            rounding = digits_left(core.inertia_matrix(states.q), efforts, expected)
+            actual = fast.direct(states.q, states.qd, efforts, **options)
+            assert error(actual, expected) < max(tolerance * condition, rounding)
+            # only the program that closes loops may be compiled in the background too
+            assert {key.name for key in fast._programs.ready_keys} - {"closure"} == {"inverse", "direct"}
+    fast = compiled_dynamics(robot, *((model, None, {}) for model in ("inertia_matrix", "gravity", "coriolis")))
     assert error(fast.inertia_matrix(states.q), core.inertia_matrix(states.q)) < tolerance
     assert error(fast.gravity(states.q, base=states.base), core.gravity(states.q, base=states.base)) < tolerance
     expected = core.coriolis(states.q, states.qd, base=states.base)
@@ -67,48 +67,49 @@ def check(robot, seed, samples=4, tolerance=1e-12):
 
 
 def _check_single_body(robot, core, samples, seed, tolerance):
-    """A body that is held has no model, one that flies has a direct one."""
+    """A fixed single body has no model, a free one has a direct model."""
     if not robot.moving_base:
         with pytest.raises(InvalidInputError, match="has no joints"):
             Dynamics(robot).compile("inverse")
         return
     states, nothing = random_states(robot, 0, samples, seed), np.zeros((samples, 0))
     direct = Dynamics(robot).compile("direct", wrenches=[robot.base_link])
-    expected = core.solve(nothing, nothing, efforts=nothing, base=states.base,
-                          external_wrenches={robot.base_link: np.ones(6)})  # fmt: skip
+    expected = core.solve(
+        nothing, nothing, efforts=nothing, base=states.base, external_wrenches={robot.base_link: np.ones(6)}
+    )
     gravity = np.swapaxes(states.base.pose[:, :3, :3], 1, 2) @ robot.gravity
     for k in range(samples):
-        _, found = direct.evaluate(*np.zeros((3, 0)), states.base.twist[k], gravity[k], np.ones(6))
-        assert error(found, expected.base_acceleration[k]) < tolerance
+        _, actual = direct.evaluate(*np.zeros((3, 0)), states.base.twist[k], gravity[k], np.ones(6))
+        assert error(actual, expected.base_acceleration[k]) < tolerance
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_compiled_models_of_robots_that_ship_equal_the_recursions(name):
+def test_compiled_models_of_shipped_robots_agree_with_the_recursions(name):
     check(load_robot(name), 1)
 
 
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("name", ["panda", "kinova", "allegro", "tiago_pro", "anymal_c", "hector"])
-def test_compiled_models_of_real_robots_equal_the_recursions(name, moving_base):
+def test_compiled_models_of_real_robots_agree_with_the_recursions(name, moving_base):
     check(read_urdf(real_urdf(name), moving_base=moving_base), 2, tolerance=1e-10)
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3), (0,), (3, 0)])
-def test_batches_of_any_shape_come_back_in_that_shape(shape):
+def test_batches_keep_their_shape(shape):
     robot = load_robot("ur5e")
     core = Dynamics(robot, compiled=False)
-    fast = compiled(robot, *((model, None, {}) for model in ("inverse", "direct", "inertia_matrix")))
+    fast = compiled_dynamics(robot, *((model, None, {}) for model in ("inverse", "direct", "inertia_matrix")))
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, *shape, 6))
     for arguments in ((q, qd, qdd), (q, np.zeros(6), qdd), (q, qd, np.ones(6)), (q.tolist(), qd, qdd)):
         if np.shape(arguments[0])[-1:] != (6,):
             continue
-        found = fast.inverse(*arguments)
-        assert found.shape == (*shape, 6) and error(found, core.inverse(*arguments)) < 1e-12
+        actual = fast.inverse(*arguments)
+        assert actual.shape == (*shape, 6) and error(actual, core.inverse(*arguments)) < 1e-12
     assert fast.inertia_matrix(q).shape == (*shape, 6, 6)
 
 
-def test_batches_run_as_python_take_inputs_that_all_samples_share():
-    """Where nothing compiles, as where it does."""
+def test_python_batches_accept_inputs_shared_by_all_samples():
+    """As compiled batches do."""
     robot = load_robot("ur5e")
     program, core = PythonProgram(MODELS["inverse"](robot)), Dynamics(robot, compiled=False)
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 7, 6))
@@ -123,9 +124,9 @@ def test_batches_run_as_python_take_inputs_that_all_samples_share():
         program.batch(q, qd[:2], qdd)
 
 
-def test_what_does_not_fit_is_refused_as_by_the_recursions():
+def test_invalid_inputs_are_refused_as_by_the_recursions():
     robot = load_robot("ur5e")
-    fast = compiled(robot, ("inverse", None, {}), ("direct", None, {}))
+    fast = compiled_dynamics(robot, ("inverse", None, {}), ("direct", None, {}))
     q = np.zeros(6)
     with pytest.raises(InvalidInputError, match=r"accelerations\[2\] is nan"):
         fast.inverse(q, q, [0, 0, np.nan, 0, 0, 0])
@@ -144,24 +145,24 @@ def test_what_does_not_fit_is_refused_as_by_the_recursions():
 
 
 def test_singular_state_is_refused_by_compiled_models_too():
-    """Two sliding joints in one direction with nothing but the last link's mass: A is singular whatever they do."""
+    """Two prismatic joints in one direction with the mass of the last link alone: A is singular in every state."""
     text = """robot: sliders
 joints:
   - {joint: a, link: one, type: prismatic, mdh: {alpha: 0.3, d: 0.1}}
   - {joint: b, link: two, type: prismatic, mdh: {theta: 0.7, d: 0.2}, mass: 2}
 """
-    for turn in ("0.3", "0"):  # found by a pivot that is rounding, and while the model is traced
+    for turn in ("0.3", "0"):  # detected by a pivot that is rounding, and while the model is traced
         robot = load_robot(text.replace("0.3", turn))
         try:
-            fast = compiled(robot, ("direct", None, {}))
+            fast = compiled_dynamics(robot, ("direct", None, {}))
         except SingularModelError:
             fast = Dynamics(robot)
         with pytest.raises(SingularModelError, match="nothing with inertia resists"):
             fast.direct([0.1, 0.2], [0, 0], [1, 1])
 
 
-def test_no_call_returns_what_a_payload_before_would_need():
-    """The programs belong to the robot with its payload; while theirs is compiled, the recursions answer."""
+def test_no_call_returns_results_for_an_earlier_payload():
+    """Programs belong to the robot with its payload; the recursions compute until they are compiled."""
     robot = load_robot("panda")
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 50, 7))
     for mass in (0.0, 2.0, 5.0, 0.0):
@@ -171,29 +172,29 @@ def test_no_call_returns_what_a_payload_before_would_need():
         deadline, ready = time.monotonic() + 30, False
         while not ready:
             assert time.monotonic() < deadline
-            ready = fast._programs.get_ready("inverse") is not None or bool(fast._programs._programs)
+            ready = fast._programs.get_ready("inverse") is not None or bool(fast._programs.ready_keys)
             assert error(fast.inverse(q, qd, qdd), expected) < 1e-12
         assert error(fast.inverse(q, qd, qdd), expected) < 1e-12
 
 
-def test_calls_from_many_threads_are_answered_while_it_compiles():
+def test_calls_from_many_threads_return_during_compilation():
     robot = load_robot("ur5e")
     fast, core = Dynamics(robot), Dynamics(robot, compiled=False)
     q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 20, 6))
     expected, wrong = core.inverse(q, qd, qdd), []
 
-    def ask():
+    def call():
         for _ in range(200):
             if error(fast.inverse(q, qd, qdd), expected) > 1e-12:
                 wrong.append(True)
 
-    threads = [threading.Thread(target=ask) for _ in range(4)]
+    threads = [threading.Thread(target=call) for _ in range(4)]
     for thread in threads:
         thread.start()
     for thread in threads:
         thread.join(60)
     assert not wrong and not any(thread.is_alive() for thread in threads)
-    assert len(fast._programs._programs) == 1
+    assert len(fast._programs.ready_keys) == 1
 
 
 def test_without_llvmlite_models_run_as_python_with_one_warning():
@@ -219,22 +220,22 @@ for model in ("inverse", "direct"):
     assert done.stderr.count("pip install llvmlite") == 1
 
 
-def test_dynamics_can_be_sent_to_another_process():
-    fast = compiled(load_robot("ur5e"), ("inverse", None, {}))
+def test_dynamics_can_be_pickled():
+    fast = compiled_dynamics(load_robot("ur5e"), ("inverse", None, {}))
     again = pickle.loads(pickle.dumps(fast))
     q = np.ones(6)
-    assert not again._programs._programs and error(again.inverse(q, q, q), fast.inverse(q, q, q)) < 1e-12
+    assert not again._programs.ready_keys and error(again.inverse(q, q, q), fast.inverse(q, q, q)) < 1e-12
     assert pickle.loads(pickle.dumps(Dynamics(load_robot("ur5e"), compiled=False))).compiled is False
 
 
-def test_python_programs_give_what_compiled_ones_give():
+def test_python_programs_agree_with_compiled_programs():
     robot = load_robot("free_flying_arm")
     program = compiled_models.MODELS["inverse"](robot)
     slow, fast = compiled_models.PythonProgram(program), Dynamics(robot).compile("inverse")
     states = random_states(robot, 6, 9, 3)
     arguments = [states.q, states.qd, states.qdd, states.base.twist, np.tile([0, 0, -9.81], (9, 1))]
-    for mine, theirs in zip(slow.batch(*arguments), fast.batch(*arguments), strict=True):
-        assert error(mine, theirs) < 1e-11
-    for mine, theirs in zip(slow.evaluate(*(a[0] for a in arguments)), fast.evaluate(*(a[0] for a in arguments)),
-                            strict=True):  # fmt: skip
-        assert error(mine, theirs) < 1e-11
+    for python_result, compiled_result in zip(slow.batch(*arguments), fast.batch(*arguments), strict=True):
+        assert error(python_result, compiled_result) < 1e-11
+    sample = [argument[0] for argument in arguments]
+    for python_result, compiled_result in zip(slow.evaluate(*sample), fast.evaluate(*sample), strict=True):
+        assert error(python_result, compiled_result) < 1e-11

@@ -1,4 +1,4 @@
-"""Compiled programs against an evaluation of their statements one by one, and of robots against Pinocchio."""
+"""Compiled programs agree with an evaluation of their statements in Python, and models of robots with Pinocchio."""
 
 import sys
 import threading
@@ -35,9 +35,9 @@ def models(robot):
     q, qd, qdd = (trace.input(name, size) for name in ("q", "qd", "qdd"))
     sweep = run_forward_pass(robot, q, qd, np.zeros(6, int), {})
     efforts, _ = inverse_dynamics(robot, sweep, qdd, BASE_ACCELERATION)
-    found = articulated_body.solve(robot, sweep, [None] * size, list(efforts[:, None]), BASE_ACCELERATION)
+    solution = articulated_body.solve(robot, sweep, [None] * size, list(efforts[:, None]), BASE_ACCELERATION)
     inputs = dict.fromkeys(("q", "qd", "qdd"), size)
-    return build_program(trace, "models", inputs, {"efforts": efforts, "accelerations": found.accelerations})
+    return build_program(trace, "models", inputs, {"efforts": efforts, "accelerations": solution.accelerations})
 
 
 def pinocchio_efforts(urdf, robot, q, qd, qdd):
@@ -48,7 +48,7 @@ def pinocchio_efforts(urdf, robot, q, qd, qdd):
 
 @pytest.mark.parametrize("parts", [5000, 97])
 @pytest.mark.parametrize("name", ["ur5", "z1", 1, 2])
-def test_models_of_robots(name, parts, monkeypatch):
+def test_compiled_models_of_robots_agree_with_python(name, parts, monkeypatch):
     monkeypatch.setattr(kernel, "MAX_PART_LENGTH", parts)
     urdf = real_urdf(name) if isinstance(name, str) else random_urdf(name, joints=6)
     robot = read_urdf(urdf)
@@ -145,10 +145,10 @@ def by_statements(program, arrays, parameters):
 
 def check(results, program, arrays, parameters):
     for result, (values, bounds) in zip(results, by_statements(program, arrays, parameters), strict=True):
-        told = np.isfinite(bounds) & np.isfinite(values)
+        finite = np.isfinite(bounds) & np.isfinite(values)
         assert np.shape(result) == values.shape
         with np.errstate(invalid="ignore"):
-            assert np.all(np.abs(result - values)[told] <= 2 * bounds[told])
+            assert np.all(np.abs(result - values)[finite] <= 2 * bounds[finite])
         certain = np.isfinite(bounds) & np.isnan(values)
         assert np.all(np.isnan(result[certain]))
 
@@ -159,7 +159,7 @@ entries = st.one_of(st.floats(-10, 10), st.floats(-10, 10), special)
 
 @settings(max_examples=60, deadline=None)
 @given(instructions, st.lists(st.lists(entries, min_size=8, max_size=8), min_size=1, max_size=11), st.floats(0.5, 3))
-def test_random_programs(instructions, samples, mass):
+def test_compiled_random_programs_agree_with_python(instructions, samples, mass):
     try:
         program = random_program(instructions)
     except (ZeroDivisionError, ValueError):  # a constant that is not recorded
@@ -212,30 +212,30 @@ def assert_close(results, expected):
 
 @pytest.mark.parametrize("vector_lanes", [4, 8])
 @pytest.mark.parametrize("samples", [*range(20), 100])
-def test_any_number_of_samples(samples, vector_lanes, monkeypatch):
+def test_batch_of_any_number_of_samples(samples, vector_lanes, monkeypatch):
     monkeypatch.setattr(llvm_engine, "vector_lanes", lambda: vector_lanes)
     trace = Trace()
-    inputs = {f"x{size}": size for size in range(10)}  # each its own way from rows to columns
+    inputs = {f"x{size}": size for size in range(10)}  # each size has its own transposition
     arrays = [trace.input(name, size) for name, size in inputs.items()]
     made = compile_program(
-        build_program(trace, "twice", inputs, {f"y{place}": 2 * a for place, a in enumerate(arrays)})
+        build_program(trace, "twice", inputs, {f"y{index}": 2 * a for index, a in enumerate(arrays)})
     )
     rng = np.random.default_rng(samples)
-    given = [rng.uniform(-1, 1, (samples, size)) for size in range(10)]
+    inputs = [rng.uniform(-1, 1, (samples, size)) for size in range(10)]
     room = [np.full((samples + 2, size), 7.0) for size in range(10)]
-    results = made.batch(*given, out=[array[1:-1] for array in room])
-    for array, twice, around in zip(given, results, room, strict=True):
+    results = made.batch(*inputs, out=[array[1:-1] for array in room])
+    for array, twice, around in zip(inputs, results, room, strict=True):
         np.testing.assert_array_equal(twice, 2 * array)
         assert np.all(around[[0, -1]] == 7.0)  # nothing is written beside the rows
 
 
-def test_one_row_for_all_samples(small):
+def test_batch_with_one_row_for_all_samples(small):
     x, shift = np.random.default_rng(0).uniform(-1, 1, (13, 2)), np.linspace(0, 1, 6)
     assert_close(small.batch(x, shift), expected_of_small(x, shift))
     assert_close(small.batch(x[0], np.tile(shift, (3, 1))), expected_of_small(np.tile(x[0], (3, 1)), shift))
 
 
-def test_other_layouts_are_copied(small):
+def test_batch_copies_other_layouts(small):
     x, shift = np.random.default_rng(0).uniform(-9, 9, (13, 4))[:, ::2], np.arange(6)
     assert_close(small.batch(x, shift), expected_of_small(x, shift))
     assert_close(small.batch(np.asfortranarray(x).tolist(), shift), expected_of_small(x, shift))
@@ -243,7 +243,7 @@ def test_other_layouts_are_copied(small):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("lane", range(10))
-def test_not_finite_in_one_sample_alone(small, value, lane):
+def test_non_finite_inputs_affect_one_sample(small, value, lane):
     x, shift = np.random.default_rng(0).uniform(0.1, 1, (10, 2)), np.zeros(6)
     x[lane, 0] = value
     wave, gap = small.batch(x, shift)
@@ -253,10 +253,10 @@ def test_not_finite_in_one_sample_alone(small, value, lane):
     assert_close((wave[~bad], gap[~bad]), expected_of_small(x[~bad], shift))
 
 
-def test_sign(small):
+def test_sign_of_special_values(small):
     for value, sign in ((2.0, 1), (-2.0, -1), (0.0, 0), (-0.0, 0), (np.nan, np.nan), (-np.inf, -1), (5e-324, 1)):
-        found = small.evaluate(np.array([0.0, value]), np.zeros(6))[1]
-        np.testing.assert_array_equal(found, [sign])
+        actual = small.evaluate(np.array([0.0, value]), np.zeros(6))[1]
+        np.testing.assert_array_equal(actual, [sign])
         np.testing.assert_array_equal(small.batch(np.array([[0.0, value]]), np.zeros(6))[1], [[sign]])
 
 
@@ -275,12 +275,12 @@ def test_threads_share_the_samples(small, count, samples, monkeypatch):
     monkeypatch.setattr(compiled_program, "MIN_WORK_PER_THREAD", 1)
     x, shift = np.random.default_rng(0).uniform(-9, 9, (samples, 2)), np.linspace(0, 1, 6)
     room = [np.full((samples + 2, size), 7.0) for size in (6, 1)]
-    found = small.batch(x, shift, out=tuple(array[1:-1] for array in room), threads=count)
-    assert_close(found, expected_of_small(x, shift))
+    actual = small.batch(x, shift, out=tuple(array[1:-1] for array in room), threads=count)
+    assert_close(actual, expected_of_small(x, shift))
     assert all(np.all(array[[0, -1]] == 7.0) for array in room)
 
 
-def test_threads_are_waited_for_and_missed_where_none_can_start(small, monkeypatch):
+def test_batch_waits_for_threads_and_runs_where_none_can_start(small, monkeypatch):
     done = []
 
     def work():
@@ -308,7 +308,7 @@ REFUSED = {
     "complex": (TypeError, "float64, not complex128", lambda x, s: ((x + 1j, s), {})),
     "text": (TypeError, "float64, not", lambda x, s: ((x.astype(str), s), {})),
     "none": (TypeError, "float64, not object", lambda x, s: ((None, s), {})),
-    "one out": (ValueError, "writes into 2 arrays, not 1", lambda x, s: ((x, s), {"out": np.empty((5, 6))})),
+    "one out": (ValueError, "writes to 2 arrays, not 1", lambda x, s: ((x, s), {"out": np.empty((5, 6))})),
     "out type": (TypeError, "the array for wave", lambda x, s: ((x, s), {"out": (np.empty((5, 6), "f4"), x)})),
     "out shape": (ValueError, "the array for gap", lambda x, s: ((x, s), {"out": (np.empty((5, 6)), np.empty(5))})),
     "out order": (ValueError, "C-contig", lambda x, s: ((x, s), {"out": (np.empty((6, 5)).T, np.empty((5, 1)))})),
@@ -322,7 +322,7 @@ def overlapping():
 
 
 @pytest.mark.parametrize("kind", REFUSED)
-def test_batch_refuses(small, kind):
+def test_batch_refuses_invalid_arguments(small, kind):
     error, text, arguments = REFUSED[kind]
     positional, named = arguments(np.zeros((5, 2)), np.zeros((5, 6)))
     with pytest.raises(error, match=text):
@@ -344,7 +344,7 @@ def test_parameters_are_checked():
             compile_program(program, parameters)
 
 
-def test_without_llvmlite(small, monkeypatch):
+def test_compilation_error_without_llvmlite(small, monkeypatch):
     for name in list(sys.modules):
         if name.split(".")[0] == "llvmlite" or name == llvm_engine.__name__:
             monkeypatch.delitem(sys.modules, name)
@@ -354,7 +354,7 @@ def test_without_llvmlite(small, monkeypatch):
         compile_program(small.program, {"offset": 0.0})
 
 
-def test_where_llvm_fails(small, monkeypatch):
+def test_compilation_error_where_llvm_fails(small, monkeypatch):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
     monkeypatch.setattr(machine_code, "RUNTIME", "nonsense")
     with pytest.raises(CompilationError, match="could not be compiled"):

@@ -36,7 +36,7 @@ A, B = np.array([1.0, 2.0, 3.0]), np.array([10.0, 20.0])
 TOTAL, ORDER = np.array([[11.0, 21.0], [12.0, 22.0]]), np.array([3.0, 1.0, 2.0])
 
 
-def test_gives_new_arrays(evaluate):
+def test_evaluate_returns_new_arrays(evaluate):
     results = evaluate(A, B)
     assert isinstance(results, tuple)
     np.testing.assert_array_equal(results[0], TOTAL)
@@ -45,7 +45,7 @@ def test_gives_new_arrays(evaluate):
     assert evaluate(A, B)[0] is not results[0]
 
 
-def test_one_output_is_no_tuple_and_no_input_is_fine():
+def test_evaluate_with_one_output_or_no_input():
     trace = Trace()
     a = trace.input("a", 1)
     np.testing.assert_array_equal(compile_program(build_program(trace, "f", {"a": 1}, {"b": -a})).evaluate(A[:1]), [-1])
@@ -65,7 +65,7 @@ class DerivedSequence(array.array):
 
 
 def exported(values):
-    """An array.array that some other view holds on to."""
+    """An array.array with an exported view."""
     sequence = array.array("d", values)
     VIEWS.append(memoryview(sequence))
     return sequence
@@ -105,14 +105,14 @@ CARRIERS = {
 
 
 @pytest.mark.parametrize("kind", CARRIERS)
-def test_takes_any_buffer(evaluate, kind):
+def test_evaluate_accepts_any_buffer(evaluate, kind):
     total, order = CARRIERS[kind]([0.0] * 4), CARRIERS[kind]([0.0] * 3)
     assert evaluate(CARRIERS[kind]([1.0, 2.0, 3.0]), CARRIERS[kind]([10.0, 20.0]), total, order) is None
     np.testing.assert_array_equal(np.ravel(total), TOTAL.ravel())
     np.testing.assert_array_equal(np.ravel(order), ORDER)
 
 
-def test_an_array_may_be_empty_where_nothing_is_read():
+def test_empty_arrays_are_accepted_for_empty_inputs():
     trace = Trace()
     a, _ = trace.input("a", 1), trace.input("none", 0)
     evaluate = compile_program(build_program(trace, "f", {"a": 1, "none": 0}, {"b": 2 * a})).evaluate
@@ -120,7 +120,7 @@ def test_an_array_may_be_empty_where_nothing_is_read():
         np.testing.assert_array_equal(evaluate(array.array("d", [2.0]), nothing), [4.0])
 
 
-def test_arrays_of_python_are_read_where_they_lie_only_if_they_lie_as_expected(monkeypatch):
+def test_array_array_is_read_directly_only_with_the_expected_layout(monkeypatch):
     slots = dict(zip(runtime.SLOTS, runtime.runtime_table(), strict=True))
     assert slots["sequence_type"] == id(array.array) and slots["sequence_of_doubles"]
     fields = runtime.SequenceFields._fields_
@@ -142,7 +142,7 @@ def test_arrays_of_python_are_read_where_they_lie_only_if_they_lie_as_expected(m
                 careful(A, wrong_argument)
 
 
-def test_reads_read_only_inputs(evaluate):
+def test_evaluate_reads_read_only_inputs(evaluate):
     a = np.frombuffer(A.tobytes())
     np.testing.assert_array_equal(evaluate(a, memoryview(B).toreadonly())[0], TOTAL)
 
@@ -213,20 +213,20 @@ def released():
 
 
 @pytest.mark.parametrize("kind", [kind for kind in REFUSED if kind != "released"])
-def test_refuses_with_the_argument_named(evaluate, kind):
+def test_evaluate_names_the_refused_argument(evaluate, kind):
     error, text, arguments = REFUSED[kind]
     with pytest.raises(error, match=text):
         evaluate(*arguments())
 
 
-def test_refuses_keywords_and_released_views(evaluate):
+def test_evaluate_refuses_keywords_and_released_views(evaluate):
     with pytest.raises(TypeError):
         evaluate(A, b=B)
     with pytest.raises(TypeError, match=r"argument 1 \(a\)"):
         evaluate(released(), B)
 
 
-def test_leaves_no_reference_behind(evaluate):
+def test_evaluate_leaks_no_references(evaluate):
     view = array.array("d", A)
     held = memoryview(array.array("d", A))
     outputs = np.empty(4), np.empty(3)
@@ -252,7 +252,7 @@ def test_leaves_no_reference_behind(evaluate):
 
 
 @pytest.mark.skipif(sys.version_info < (3, 12), reason="no buffers written in Python")
-def test_a_buffer_that_changes_the_other_arguments(evaluate):
+def test_buffers_that_change_other_arguments_are_detected(evaluate):
     class Trap:
         def __init__(self, change):
             self.change = change
@@ -297,7 +297,7 @@ def arrays(draw):
     return made
 
 
-others = st.one_of(
+non_arrays = st.one_of(
     st.none(),
     st.integers(),
     numbers,
@@ -318,8 +318,8 @@ others = st.one_of(
 
 
 @settings(max_examples=2000, deadline=None)
-@given(st.lists(st.one_of(arrays(), others), max_size=6))
-def test_nothing_makes_it_crash(evaluate, arguments):
+@given(st.lists(st.one_of(arrays(), non_arrays), max_size=6))
+def test_random_arguments_do_not_crash_evaluate(evaluate, arguments):
     a, b = A.copy(), B.copy()
     try:
         results = evaluate(*arguments)
@@ -327,8 +327,8 @@ def test_nothing_makes_it_crash(evaluate, arguments):
         assert str(error)
     else:
         assert results is None or len(results) == 2
-        for place, (argument, size) in enumerate(zip(arguments, (3, 2, 4, 3), strict=False)):
+        for index, (argument, size) in enumerate(zip(arguments, (3, 2, 4, 3), strict=False)):
             view = np.asarray(memoryview(argument))
             assert view.dtype == np.float64 and view.size == size and view.flags.c_contiguous
-            assert place < 2 or view.flags.writeable
+            assert index < 2 or view.flags.writeable
     A[:], B[:] = a, b

@@ -1,4 +1,4 @@
-"""Programs of robots that were kept: loaded without a trace, and never in the place of another robot's."""
+"""Programs of robots in the cache: loaded without a trace, and never for another robot."""
 
 import os
 import shutil
@@ -18,7 +18,7 @@ pytest.importorskip("llvmlite")
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
+def folder(tmp_path, monkeypatch, no_background_work):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
@@ -43,13 +43,13 @@ def check(robot, model="inverse"):
     expected = getattr(Dynamics(robot, compiled=False), model)(*states)
     tolerance = 1e-9 * np.abs(expected).max()
     np.testing.assert_allclose(program.batch(*states), expected, rtol=0, atol=tolerance)
-    for sample, answer in zip(zip(*states, strict=True), expected, strict=True):
-        np.testing.assert_allclose(program.evaluate(*sample), answer, rtol=0, atol=tolerance)
+    for sample, result in zip(zip(*states, strict=True), expected, strict=True):
+        np.testing.assert_allclose(program.evaluate(*sample), result, rtol=0, atol=tolerance)
     return program
 
 
 @pytest.mark.parametrize("model", ["inverse", "direct"])
-def test_is_traced_once_and_then_when_someone_asks_for_the_statements(traces, model):
+def test_program_is_traced_once_and_again_for_its_statements(traces, model):
     robot = load_robot("ur5e")
     first = check(robot, model)
     assert traces == [model]
@@ -68,7 +68,7 @@ FLYING = {
 
 
 @pytest.mark.parametrize("kind", FLYING)
-def test_all_models_come_back_in_their_shapes(traces, kind):
+def test_all_models_are_loaded_with_their_shapes(traces, kind):
     robot = FLYING[kind]()
     q = np.array([joint.initial_position for joint in robot.joints]) + 0.3
     arguments = {"q": q, "twist": np.ones(6), "gravity": np.array([0, 0, -9.81])}
@@ -81,28 +81,35 @@ def test_all_models_come_back_in_their_shapes(traces, kind):
             inputs = [
                 arguments.get(name, np.full(size, 0.7))[:size] for name, size in programs[0].interface.inputs.items()
             ]
-            one, two = (program.evaluate(*inputs) for program in programs)
-            for mine, kept in zip(one if isinstance(one, tuple) else [one], two if isinstance(two, tuple) else [two],
-                                  strict=True):  # fmt: skip
-                np.testing.assert_array_equal(mine, kept)
+            results = [program.evaluate(*inputs) for program in programs]
+            compiled, loaded = (result if isinstance(result, tuple) else [result] for result in results)
+            for compiled_array, loaded_array in zip(compiled, loaded, strict=True):
+                np.testing.assert_array_equal(compiled_array, loaded_array)
     assert len(traces) == len(models) + 2
 
 
-def test_a_payload_has_its_own_program(traces):
+def test_payload_has_its_own_program(traces):
     robot = load_robot("ur5e")
     for mass in (0.0, 2.0, 2.0 + 1e-12, 0.0):
         check(robot.with_payload("tool0", Inertia(mass, [0, 0, 0.1 * mass], np.eye(3) * 0.01)))
     assert len(traces) == 3
 
 
-@pytest.mark.parametrize("damage", [lambda content: b"", lambda content: content[: len(content) // 2],
-                                    lambda content: content + b"\0", lambda content: b"\0" * len(content),
-                                    None])  # fmt: skip
-def test_damaged_or_missing_files_are_made_anew(folder, damage):
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: content[: len(content) // 2],
+        lambda content: content + b"\0",
+        lambda content: b"\0" * len(content),
+        None,
+    ],
+)
+def test_damaged_or_missing_program_files_are_replaced(folder, damage):
     robot = load_robot("ur5e")
     check(robot)
     files = sorted(folder.iterdir())
-    assert len(files) == 4  # interface, one sample, batch, and the entry of all programs
+    assert len(files) == 4  # interface, sample, batch, and the entry point of all programs
     for file in files:
         content = file.read_bytes()
         file.unlink()
@@ -114,7 +121,7 @@ def test_damaged_or_missing_files_are_made_anew(folder, damage):
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b"[]", b"null", b'{"name": 1, "inputs": 2, "outputs": 3}', b"\xff"])
-def test_an_interface_that_is_whole_and_yet_none_is_made_anew(traces, content):
+def test_invalid_interface_files_are_replaced(traces, content):
     robot = load_robot("ur5e")
     key = fingerprint.fingerprint(robot, "inverse", {"wrenches": (), "prescribed_base": False, "with_pivots": False})
     llvm_cache.store(f"interface {key}", content)
@@ -123,7 +130,7 @@ def test_an_interface_that_is_whole_and_yet_none_is_made_anew(traces, content):
     assert len(traces) == 1
 
 
-def test_files_of_strangers_are_not_loaded(folder, traces, monkeypatch):
+def test_files_of_other_users_are_not_loaded(folder, traces, monkeypatch):
     robot = load_robot("ur5e")
     check(robot)
     folder.chmod(0o777)
@@ -135,7 +142,7 @@ def test_files_of_strangers_are_not_loaded(folder, traces, monkeypatch):
     assert len(traces) == 3
 
 
-def test_source_that_changed_meanwhile_means_a_trace(traces, monkeypatch):
+def test_changed_source_causes_a_new_trace(traces, monkeypatch):
     robot = load_robot("ur5e")
     check(robot)
     monkeypatch.setattr(fingerprint, "IMPORT_TIME", 0.0)
@@ -143,7 +150,7 @@ def test_source_that_changed_meanwhile_means_a_trace(traces, monkeypatch):
     assert len(traces) == 2
 
 
-def test_a_singular_model_is_refused_each_time():
+def test_singular_model_is_refused_each_time():
     robot = load_robot("""robot: sliders
 joints:
   - {joint: a, link: one, type: prismatic, mdh: {d: 0.1}}
@@ -161,23 +168,23 @@ print(Dynamics(load_robot("ur5e")).compile("inverse").evaluate(*np.ones((3, 6)))
 """
 
 
-def test_a_recursion_that_changed_is_not_answered_with_an_old_program(tmp_path, folder):
+def test_changed_recursion_does_not_load_an_old_program(tmp_path, folder):
     root = tmp_path / "changed"
     package = root / "robot_dynamics"
     shutil.copytree(fingerprint.PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copytree(fingerprint.PACKAGE.parent / "config", root / "config")
     environment = {**os.environ, "PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
 
-    def answer():
+    def first_effort():
         return float(subprocess.check_output([sys.executable, "-c", PROGRAM], env=environment, text=True, cwd=root))
 
     expected = Dynamics(load_robot("ur5e"), compiled=False).inverse(*np.ones((3, 6)))[0]
-    assert answer() == pytest.approx(expected, rel=1e-12)
+    assert first_effort() == pytest.approx(expected, rel=1e-12)
     entries = len(list(folder.iterdir()))
-    assert answer() == pytest.approx(expected, rel=1e-12)
+    assert first_effort() == pytest.approx(expected, rel=1e-12)
     assert len(list(folder.iterdir())) == entries
     changed = package / "codegen" / "trace" / "models.py"
     text = changed.read_text()
     assert text.count("model.projected(forces + model.all_passive_efforts)") == 1
     changed.write_text(text.replace("projected(forces + model.all_passive_efforts)", "projected(2 * forces)"))
-    assert answer() == pytest.approx(2 * expected, rel=1e-9)
+    assert first_effort() == pytest.approx(2 * expected, rel=1e-9)

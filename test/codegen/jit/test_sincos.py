@@ -35,9 +35,9 @@ def both(functions, angles):
     ]
 
 
-def ulps(found, exact):
+def ulps(actual, exact):
     """Distance in units of the last place of the exact value's double."""
-    return np.abs((found - exact) / np.spacing(np.abs(exact.astype(float)))).astype(float)
+    return np.abs((actual - exact) / np.spacing(np.abs(exact.astype(float)))).astype(float)
 
 
 def angles_in_range():
@@ -50,7 +50,7 @@ def angles_in_range():
 
 
 @pytest.mark.skipif(not EXTENDED, reason="no extended precision on this machine")
-def test_within_two_units_of_the_last_place(functions):
+def test_sincos_is_within_two_units_of_the_last_place(functions):
     angles = angles_in_range()
     for sines, cosines in both(functions, angles):
         assert ulps(sines, np.sin(angles.astype(np.longdouble))).max() <= 2
@@ -58,10 +58,10 @@ def test_within_two_units_of_the_last_place(functions):
 
 
 @pytest.mark.skipif(not EXTENDED, reason="no extended precision on this machine")
-def test_angles_out_of_range_are_as_exact(functions):
+def test_sincos_of_angles_out_of_range_is_as_exact(functions):
     rng = np.random.default_rng(2)
     angles = MAX_ANGLE * 2.0 ** rng.uniform(0, 990, 3000) * rng.choice([-1, 1], 3000)
-    angles[::5] = rng.uniform(-4, 4, 600)  # beside others in the same vector
+    angles[::5] = rng.uniform(-4, 4, 600)  # beside angles out of range in the same vector
     for sines, cosines in both(functions, angles):
         assert ulps(sines, np.sin(angles.astype(np.longdouble))).max() <= 2
         assert ulps(cosines, np.cos(angles.astype(np.longdouble))).max() <= 2
@@ -69,7 +69,7 @@ def test_angles_out_of_range_are_as_exact(functions):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("lane", range(11))
-def test_not_finite_in_one_place_alone(functions, value, lane):
+def test_sincos_of_non_finite_angles_affects_one_lane(functions, value, lane):
     angles = np.linspace(-3, 3, 11 * PIECES)
     angles[lane * PIECES + 1] = value
     for sines, cosines in both(functions, angles):
@@ -82,7 +82,7 @@ def test_not_finite_in_one_place_alone(functions, value, lane):
 
 @pytest.mark.parametrize("vector_lanes", [4, 8])
 @pytest.mark.parametrize("fused", [False, True])
-def test_on_processors_that_have_less(vector_lanes, fused, monkeypatch):
+def test_sincos_on_processors_without_fused_multiply_add(vector_lanes, fused, monkeypatch):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
     monkeypatch.setattr(llvm_engine, "vector_lanes", lambda: vector_lanes)
     if not fused:

@@ -23,32 +23,32 @@ PROGRAMS = {
 
 def differences(program, arrays, weights):
     """{name: (N, size)} central differences of the weighted sum, input by input."""
-    found = {}
-    for place, name in enumerate(program._inputs):
-        found[name] = np.zeros_like(arrays[place])
-        for column in range(arrays[place].shape[1]):
+    gradients = {}
+    for index, name in enumerate(program._inputs):
+        gradients[name] = np.zeros_like(arrays[index])
+        for column in range(arrays[index].shape[1]):
             sums = []
             for sign in (1, -1):
                 moved = [array.copy() for array in arrays]
-                moved[place][:, column] += sign * STEP
+                moved[index][:, column] += sign * STEP
                 sums.append((weights * program.evaluate(*moved).outputs).sum(axis=1))
-            found[name][:, column] = (sums[0] - sums[1]) / (2 * STEP)
-    return found
+            gradients[name][:, column] = (sums[0] - sums[1]) / (2 * STEP)
+    return gradients
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_gradient_is_that_of_finite_differences(name):
+def test_gradient_agrees_with_finite_differences(name):
     program, rng = PROGRAMS[name](), np.random.default_rng(0)
     arrays = [rng.uniform(0.2, 1.0, (2, size)) for size in program.inputs.values()]
     differentiable = DifferentiableProgram(program)
     evaluation = differentiable.evaluate(*arrays)
     weights = rng.normal(size=evaluation.outputs.shape) / (1 + np.abs(evaluation.outputs))
-    found = differentiable.gradient(evaluation, weights)
+    gradients = differentiable.gradient(evaluation, weights)
     for key, expected in differences(differentiable, arrays, weights).items():
-        np.testing.assert_allclose(found[key], expected, rtol=0, atol=1e-6 * max(1.0, np.abs(expected).max()))
+        np.testing.assert_allclose(gradients[key], expected, rtol=0, atol=1e-6 * max(1.0, np.abs(expected).max()))
 
 
-def test_some_entries_alone_and_signs_that_are_smoothed():
+def test_gradient_of_selected_entries_and_smoothed_signs():
     """Coulomb friction of the Panda: a step at rest, which has a derivative where it is smoothed."""
     program, rng = regressor_model(load_robot("panda")), np.random.default_rng(1)
     arrays = list(rng.uniform(-0.1, 0.1, (3, 4, 7)))
@@ -64,9 +64,9 @@ def test_some_entries_alone_and_signs_that_are_smoothed():
     qd = arrays[1][:, 3]
     np.testing.assert_allclose(evaluation.outputs[:, 0], qd / np.hypot(qd, 0.05), rtol=1e-12)
     weights = rng.normal(size=(4, 2))
-    found = smooth.gradient(evaluation, weights)
+    gradients = smooth.gradient(evaluation, weights)
     for key, expected in differences(smooth, arrays, weights).items():
-        np.testing.assert_allclose(found[key], expected, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(gradients[key], expected, rtol=0, atol=1e-7)
     of_friction = weights * [1, 0]
     assert smooth.gradient(evaluation, of_friction)["qd"][:, 3].all()
     assert not few.gradient(few.evaluate(*arrays), of_friction)["qd"].any()  # a step, which has none

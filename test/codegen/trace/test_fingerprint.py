@@ -1,4 +1,4 @@
-"""Fingerprints: the same for the same robot and question, another one for whatever differs."""
+"""Fingerprints are equal for equal robots and options, and differ wherever these differ."""
 
 import ast
 import copy
@@ -25,7 +25,7 @@ PACKAGE = module.PACKAGE
 
 
 def robot_with_everything():
-    """A robot in which every kind of field has a value: springs, mimic joints, gravity, frames, friction."""
+    """A robot with a value in every kind of field: springs, mimic joints, gravity, frames, friction."""
     robot = load_robot("panda")
     joints = list(robot.joints)
     joints[2] = replace(joints[2], spring=Spring(20.0, 0.1, 0.5), actuated=False)
@@ -36,23 +36,23 @@ def robot_with_everything():
 ROBOT = robot_with_everything()
 
 
-def places(thing, path=()):
-    """The paths to all values in a robot: fields of objects, places in tuples, indices of arrays."""
+def value_paths(thing, path=()):
+    """The paths to all values in a robot: names of fields, positions in tuples, indices of arrays."""
     if is_dataclass(thing):
         for field in fields(thing):
-            yield from places(getattr(thing, field.name), (*path, field.name))
+            yield from value_paths(getattr(thing, field.name), (*path, field.name))
     elif isinstance(thing, tuple):
         yield path
-        for place, item in enumerate(thing):
-            yield from places(item, (*path, place))
+        for position, item in enumerate(thing):
+            yield from value_paths(item, (*path, position))
     elif isinstance(thing, np.ndarray) and thing.ndim:
         yield from ((*path, index) for index in np.ndindex(thing.shape))
     else:
         yield path
 
 
-def other(value):
-    """The nearest value that is not this one."""
+def different(value):
+    """The nearest different value."""
     if value is None:
         return Mimic("joint")
     if isinstance(value, bool):
@@ -65,51 +65,54 @@ def other(value):
 
 
 def changed(thing, path):
-    """A copy with another value at the path, in whatever state that leaves it."""
+    """A copy with a different value at the path, without checks."""
     if not path:
-        return other(thing)
+        return different(thing)
     step, *rest = path
     if isinstance(thing, np.ndarray):
-        made = thing.copy()
-        made[step] = np.nextafter(made[step], inf)
-        return made
+        copied = thing.copy()
+        copied[step] = np.nextafter(copied[step], inf)
+        return copied
     if isinstance(thing, tuple):
         return (*thing[:step], changed(thing[step], rest), *thing[step + 1 :])
-    made = copy.copy(thing)
-    object.__setattr__(made, step, changed(getattr(thing, step), rest))
-    return made
+    copied = copy.copy(thing)
+    object.__setattr__(copied, step, changed(getattr(thing, step), rest))
+    return copied
 
 
-@given(st.sampled_from(list(places(ROBOT))))
-def test_a_change_of_any_field_is_another_fingerprint(path):
+@given(st.sampled_from(list(value_paths(ROBOT))))
+def test_fingerprint_changes_with_any_field(path):
     assert fingerprint(changed(ROBOT, path)) != fingerprint(ROBOT)
 
 
-def test_all_places_are_told_apart():
-    """Each of them changed, all at once: no two of some thousand robots have one fingerprint."""
-    found = {fingerprint(changed(ROBOT, path)) for path in places(ROBOT)}
-    assert None not in found and len(found) == len(list(places(ROBOT))) > 300
+def test_fingerprints_of_changes_at_all_paths_differ():
+    """No two of hundreds of robots, each with one changed value, have the same fingerprint."""
+    fingerprints = {fingerprint(changed(ROBOT, path)) for path in value_paths(ROBOT)}
+    assert None not in fingerprints and len(fingerprints) == len(list(value_paths(ROBOT))) > 300
 
 
-def test_another_question_is_another_fingerprint():
-    options = [("inverse", {"wrenches": wrenches, "prescribed_base": told, "with_pivots": with_pivots})
-               for wrenches in ((), ("a",), ("b",), ("a", "b"), ("b", "a"), ("ab",))
-               for told in (False, True) for with_pivots in (False, True)]  # fmt: skip
+def test_fingerprint_changes_with_options():
+    options = [
+        ("inverse", {"wrenches": wrenches, "prescribed_base": prescribed_base, "with_pivots": with_pivots})
+        for wrenches in ((), ("a",), ("b",), ("a", "b"), ("b", "a"), ("ab",))
+        for prescribed_base in (False, True)
+        for with_pivots in (False, True)
+    ]
     options += [("direct", options[0][1]), ("gravity", {})]
     assert len({fingerprint(ROBOT, *option) for option in options}) == len(options)
 
 
-def test_payload_is_another_fingerprint():
+def test_fingerprint_changes_with_payload():
     assert fingerprint(ROBOT.with_payload("panda_link8", Inertia(1e-9))) != fingerprint(ROBOT)
 
 
-def test_the_same_robot_has_the_same_fingerprint_in_every_process():
+def test_fingerprint_is_the_same_in_every_process():
     assert fingerprint(robot_with_everything()) == fingerprint(ROBOT)
     program = (
         "from robot_dynamics import load_robot; from robot_dynamics.codegen.trace.fingerprint import fingerprint; "
     )
     program += "print(fingerprint(load_robot('panda'), {'wrenches': ()}))"
-    told = {
+    outputs = {
         subprocess.check_output(
             [sys.executable, "-c", program],
             env={"PYTHONHASHSEED": seed, "PYTHONPATH": str(PACKAGE.parent), "PATH": ""},
@@ -117,7 +120,7 @@ def test_the_same_robot_has_the_same_fingerprint_in_every_process():
         )
         for seed in ("1", "2")
     }
-    assert told == {fingerprint(load_robot("panda"), {"wrenches": ()}) + "\n"}
+    assert outputs == {fingerprint(load_robot("panda"), {"wrenches": ()}) + "\n"}
 
 
 scalars = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=3), st.binary(max_size=3))
@@ -128,28 +131,38 @@ things = st.recursive(scalars | arrays, lambda inner: st.lists(inner, max_size=3
 
 
 @given(things, things)
-def test_what_differs_has_another_fingerprint(one, two):
-    assert fingerprint(one) == fingerprint(copy.deepcopy(one))
-    assume(repr(one) != repr(two))
-    assert fingerprint(one) != fingerprint(two)
+def test_fingerprints_of_different_values_differ(a, b):
+    assert fingerprint(a) == fingerprint(copy.deepcopy(a))
+    assume(repr(a) != repr(b))
+    assert fingerprint(a) != fingerprint(b)
 
 
-ALIKE = [(0.0, -0.0), (1, True), (1, 1.0), ("1", 1), ("1", b"1"), (["ab", "c"], ["a", "bc"]), ([[1], 2], [1, [2]]),
-         ([], [[]]), ("", []), (np.float64(1), np.float32(1))]  # fmt: skip
+SIMILAR = [
+    (0.0, -0.0),
+    (1, True),
+    (1, 1.0),
+    ("1", 1),
+    ("1", b"1"),
+    (["ab", "c"], ["a", "bc"]),
+    ([[1], 2], [1, [2]]),
+    ([], [[]]),
+    ("", []),
+    (np.float64(1), np.float32(1)),
+]
 
 
-@pytest.mark.parametrize("pair", ALIKE)
-def test_what_looks_alike_has_another_fingerprint(pair):
+@pytest.mark.parametrize("pair", SIMILAR)
+def test_fingerprints_of_similar_values_differ(pair):
     assert fingerprint(pair[0]) != fingerprint(pair[1])
 
 
-def test_symbols_and_what_is_not_known_have_none():
+def test_fingerprint_of_symbols_and_unsupported_types_is_none():
     robot, _ = with_symbols(random_chain(1), Trace())
     assert fingerprint(robot) is None
     assert fingerprint(object()) is None and fingerprint({1, 2}) is None and fingerprint(np.zeros(2, "O")) is None
 
 
-def test_every_byte_of_the_source_counts(tmp_path):
+def test_source_digest_changes_with_every_file(tmp_path):
     package = tmp_path / "robot_dynamics"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     files = [path for folder in module.FOLDERS for path in (package / folder).rglob("*.py")]
@@ -166,9 +179,9 @@ def test_every_byte_of_the_source_counts(tmp_path):
     assert digest(package, inf) != before
 
 
-def test_source_that_changed_since_it_was_imported_or_is_missing_has_none(tmp_path, monkeypatch):
+def test_source_digest_refuses_missing_and_changed_source(tmp_path, monkeypatch):
     package = tmp_path / "robot_dynamics"
-    shutil.copytree(PACKAGE, package)  # just now: what this process runs is older
+    shutil.copytree(PACKAGE, package)  # newer than the source that this process runs
     with pytest.raises(OSError, match="has changed since"):
         source_digest(package, module.IMPORT_TIME)
     with pytest.raises(OSError, match="no source"):
@@ -177,21 +190,29 @@ def test_source_that_changed_since_it_was_imported_or_is_missing_has_none(tmp_pa
     assert fingerprint(ROBOT) is None
 
 
+class TypeImportRemover(ast.NodeTransformer):
+    """Removes `if TYPE_CHECKING:` blocks, which never run."""
+
+    def visit_If(self, node):
+        return None if isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING" else self.generic_visit(node)
+
+
 def imported(name):
-    """The modules of this package that a module of it imports."""
+    """The modules of this package that a module of it imports when it runs."""
     path = PACKAGE.parent / (name.replace(".", "/") + ".py")
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(TypeImportRemover().visit(ast.parse(path.read_text()))):
         if isinstance(node, ast.ImportFrom) and node.module.startswith("robot_dynamics"):
             whole = PACKAGE.parent / node.module.replace(".", "/")
             yield from [f"{node.module}.{alias.name}" for alias in node.names] if whole.is_dir() else [node.module]
 
 
-def test_all_that_a_program_is_made_with_is_in_the_folders_that_count():
-    found, left = set(), {"robot_dynamics.codegen.jit.compiled_models"}
-    while left:
-        found |= left
-        left = {name for module in left for name in imported(module)} - found
-    assert {"robot_dynamics.newton_euler.augmented", "robot_dynamics.codegen.jit.engine"} < found
-    outside = {name for name in found if name.split(".")[1] not in module.FOLDERS}
-    assert outside == {"robot_dynamics.errors"}
+def test_source_digest_folders_contain_everything_a_program_depends_on():
+    modules = set()
+    new_modules = {"robot_dynamics.codegen.jit.compiled_models"}
+    while new_modules:
+        modules |= new_modules
+        new_modules = {name for module in new_modules for name in imported(module)} - modules
+    assert {"robot_dynamics.newton_euler.augmented", "robot_dynamics.codegen.jit.engine"} < modules
+    outside = {name for name in modules if name.split(".")[1] not in module.FOLDERS}
+    assert outside == {"robot_dynamics.array_types", "robot_dynamics.errors"}  # no program depends on them
     assert Path(module.__file__).relative_to(PACKAGE).parts[0] in module.FOLDERS

@@ -79,19 +79,19 @@ def check_exhaustive(robot, rng):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_as_many_parameters_are_left_as_the_regressor_has_rank(name):
+def test_grouped_parameters_are_as_many_as_the_regressor_rank(name):
     rng = np.random.default_rng(0)
     check_exhaustive(minimal_frames(with_random_bodies(ROBOTS[name](), rng)), rng)
 
 
 @pytest.mark.parametrize("right_angles", [True, False])
 @pytest.mark.parametrize("kinds", KINDS)
-def test_links_that_slide_leave_no_more_than_the_rank_either(kinds, right_angles):
+def test_prismatic_links_keep_no_more_parameters_than_the_regressor_rank(kinds, right_angles):
     rng = np.random.default_rng(0)
     check_exhaustive(minimal_frames(chain(kinds, right_angles)), rng)
 
 
-def test_links_that_slide_cost_fewer_operations_and_a_moving_base_keeps_its_own():
+def test_prismatic_links_need_fewer_operations_and_a_moving_base_keeps_its_parameters():
     robot = chain("RPP", False)
     with_rules = inverse_model(robot).operations
     assert (with_rules.multiplications, with_rules.additions) <= (116, 89)  # 126, 102 with their first moments whole
@@ -119,7 +119,7 @@ def test_independent_columns_give_the_base_parameters_of_the_rx90():
     np.testing.assert_allclose(Y[:, drives][:, kept] @ base, Y[:, drives] @ theta, atol=1e-9)
 
 
-def test_rotor_of_a_first_joint_is_gathered_and_efforts_stay():
+def test_rotor_of_a_first_joint_is_grouped_without_changing_efforts():
     robot = load_robot("rx90")
     few = group_inertial_parameters(robot)
     assert few.joints[0].rotor_inertia == 0 and few.joints[1].rotor_inertia == robot.joints[1].rotor_inertia

@@ -1,5 +1,7 @@
-"""The operation counts of Renaud's table, from his robot with six revolute joints and symbolic parameters; the program
-that is counted is the one that runs, and gives what the Newton-Euler recursion gives."""
+"""Operation counts of Renaud's table, for his robot with six revolute joints and symbolic parameters.
+
+The counted program agrees with the Newton-Euler recursion.
+"""
 
 import numpy as np
 import pytest
@@ -93,11 +95,17 @@ def counted_by_step(group_parameters):
     return steps, count_operations(whole)
 
 
-PAPER = {"1a and 1b": (18, 12), "2": (25, 0), "3a and 3b": (28, 22), "4": (0, 15), "6a, 6b and 6c": (22, 12),
-         "7 to 10": (26 + 62, 16 + 50)}  # fmt: skip
+PAPER = {
+    "1a and 1b": (18, 12),
+    "2": (25, 0),
+    "3a and 3b": (28, 22),
+    "4": (0, 15),
+    "6a, 6b and 6c": (22, 12),
+    "7 to 10": (26 + 62, 16 + 50),
+}
 
 
-def test_operations_by_step_are_those_of_the_paper_or_fewer():
+def test_operations_of_each_step_do_not_exceed_the_paper():
     """Printed beside the paper's table, from which steps 7 and 9 are taken together."""
     steps, whole = counted_by_step(group_parameters=False)
     print("step            here     paper")
@@ -117,18 +125,19 @@ def test_operations_by_step_are_those_of_the_paper_or_fewer():
     [(False, 181, 127), (True, 164, 115)],
     ids=["augmented", "gathered"],
 )
-def test_inverse_model_takes_no_more_operations_than_in_the_paper(group_parameters, multiplications, additions):
+def test_inverse_model_operations_do_not_exceed_the_paper(group_parameters, multiplications, additions):
     """Table of the example: 181 × and 127 +; with the parameters gathered 164 × and 115 +."""
     operations = traced(group_parameters).operations
     print(
-        f"Renaud's 6R, {'gathered' if group_parameters else 'augmented'}: {operations}; paper {multiplications} / {additions}"
+        f"Renaud's 6R, {'grouped' if group_parameters else 'augmented'}: {operations}; "
+        f"paper {multiplications} / {additions}"
     )
     assert operations.multiplications <= multiplications and operations.additions <= additions
     assert operations.divisions == operations.square_roots == operations.signs == 0
 
 
 @pytest.mark.parametrize("group_parameters", [False, True], ids=["augmented", "gathered"])
-def test_the_program_that_is_counted_is_the_newton_euler_model(group_parameters):
+def test_counted_program_agrees_with_the_newton_euler_model(group_parameters):
     program = traced(group_parameters)
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -144,5 +153,5 @@ def test_the_program_that_is_counted_is_the_newton_euler_model(group_parameters)
         sweep = run_forward_pass(robot, q, qd, np.zeros(6), {})
         expected, _ = inverse.inverse_dynamics(robot, sweep, qdd, at_rest)
         computed = python_function(program, {name: values[name] for name in program.parameters})
-        found = np.array(computed(q, qd, qdd))
-        assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+        actual = np.array(computed(q, qd, qdd))
+        assert np.abs(actual - expected).max() < 1e-12 * np.abs(expected).max()

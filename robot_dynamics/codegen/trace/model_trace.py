@@ -1,0 +1,275 @@
+"""The trace of one model of a robot: its arguments as symbols, and the quantities that the models combine."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from robot_dynamics.array_types import ScalarArray
+from robot_dynamics.codegen.trace.preparation import prepare_robot
+from robot_dynamics.codegen.trace.program import Program, build_program
+from robot_dynamics.codegen.trace.scalar import Trace
+from robot_dynamics.constraints.attitude_charts import virtual_links
+from robot_dynamics.constraints.topology import (
+    ConstraintTopology,
+    build_topology,
+    projection_matrix,
+    solve_constrained_accelerations,
+)
+from robot_dynamics.model.robot import Robot
+from robot_dynamics.newton_euler.augmented import inverse_dynamics
+from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.joint_springs import spring_force
+from robot_dynamics.newton_euler.screw import wrench_to_antecedent
+
+ZERO_SCREW = np.zeros(6, dtype=int)
+
+MOVING_BASE_ARGUMENTS = ("twist", "gravity")
+BASE_ARGUMENTS = {
+    "inverse": MOVING_BASE_ARGUMENTS,
+    "direct": MOVING_BASE_ARGUMENTS,
+    "state_derivative": MOVING_BASE_ARGUMENTS,
+    "bias": MOVING_BASE_ARGUMENTS,
+    "regressor": MOVING_BASE_ARGUMENTS,
+    "gravity": ("gravity",),
+    "coriolis": ("twist",),
+    "frames": ("twist",),
+}
+"""Additional arguments of each model where the base moves."""
+
+CHART_MODELS = (
+    "inverse",
+    "direct",
+    "inertia_matrix",
+    "gravity",
+    "coriolis",
+    "bias",
+    "friction",
+    "pose",
+    "frames",
+    "state_derivative",
+    "regressor",
+)
+"""Models whose platforms move in charts of their attitudes.
+
+Their results contain no rates of yaw, pitch and roll, or only in columns of parameters that are zero.
+"""
+
+MATRIX_FREE_MODELS = ("inverse", "gravity", "coriolis", "bias")
+"""Models that do not need the matrix G from the rates of the independent joints to those of all joints."""
+
+MATRIX_FREE_THRESHOLD = 2
+"""Number of independent joints up to which G is formed in these models too."""
+
+
+class ModelTrace:
+    """A robot and a trace with the arguments of one model.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+    robot : Robot
+    arguments : sequence of str
+        Names of the arguments with one entry for each independent joint.
+    wrenches : sequence of str
+        Links on which external wrenches act.
+    prescribed_base : bool
+        Whether the acceleration of a moving base is an argument.
+    group_parameters : bool
+        Whether inertial parameters are grouped into base parameters.
+    prepare : bool
+        Whether the robot is prepared by `prepare_robot`.
+    frames : sequence of str
+        Frames that the results name.
+    independent : sequence of int or None
+        Numbers of the independent joints; None for those of Dynamics.
+
+    Attributes
+    ----------
+    inputs : dict of str to array
+        The arguments of the program, in order.
+    q, qd : (all joints,)
+        Positions and velocities of the prepared robot.
+    unactuated : tuple of int
+        Indices of the independent joints that have no motor.
+    base_is_free : bool
+        Whether the acceleration of the base is unknown.
+    base_acceleration : (6,)
+        Of the base, minus gravity; zero where it is unknown.
+    passive_efforts : (n,)
+        Friction and springs of all joints, projected onto the independent joints.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        robot: Robot,
+        arguments: Sequence[str],
+        wrenches: Sequence[str] = (),
+        prescribed_base: bool = False,
+        group_parameters: bool = True,
+        prepare: bool = True,
+        frames: Sequence[str] = (),
+        independent: Sequence[int] | None = None,
+    ) -> None:
+        self.name = name
+        self.trace = Trace()
+        self.topology = topology_of(robot, independent)
+        independent_joints = self.topology.independent
+        self.size = len(independent_joints)
+        self.unactuated = tuple(k for k, number in enumerate(independent_joints) if not robot.joints[number].actuated)
+        self.inputs: dict[str, ScalarArray] = {key: self.trace.input(key, self.size) for key in arguments}
+        named_links = {robot.frame(frame).link for frame in (*wrenches, *frames)}
+        self._in_charts = name in CHART_MODELS and not virtual_links(robot) & named_links
+        self.robot = robot
+        shifts = np.zeros(len(robot.joints))
+        if prepare:
+            charts = self.topology.attitudes if self._in_charts else ()
+            self.robot, shifts = prepare_robot(robot, group_parameters, [chart.joints[0] for chart in charts])
+        original_q = self._trace_positions(len(robot.joints))
+        self._trace_motion(original_q + shifts, shifts)
+        self._trace_base(BASE_ARGUMENTS.get(name, ()) if robot.moving_base else (), prescribed_base)
+        self.wrenches = self._trace_wrenches(wrenches)
+        self.all_passive_efforts: ScalarArray = np.zeros(len(robot.joints), dtype=int)
+        if "qd" in self.inputs:
+            self.all_passive_efforts = friction(robot, self.qd) + spring_force(robot, original_q, self.qd)
+        self.passive_efforts = self.projected(self.all_passive_efforts)
+        self.pivot_results: dict[str, ScalarArray] = {}
+
+    def _trace_positions(self, joints: int) -> ScalarArray:
+        """Positions of all joints: functions of the independent ones, or all inputs where there are loops to close."""
+        if self.topology.dependent:
+            self.inputs["q"] = self.trace.input("q", joints)
+            return self.inputs["q"]
+        positions: ScalarArray = self.inputs["q"] @ self.topology.S.T + self.topology.offset
+        return positions
+
+    def _trace_motion(self, q: ScalarArray, shifts: ScalarArray) -> None:
+        """Set the constrained state, and positions, velocities and drift accelerations of all joints."""
+        solves = self.unactuated or self.robot.moving_base
+        uses_G = (
+            self.size <= MATRIX_FREE_THRESHOLD
+            or self.name not in MATRIX_FREE_MODELS
+            or (self.name == "inverse" and solves)
+        )
+        topology = self.topology.with_robot(self.robot, shifts)
+        state_at = topology.charted_state_at if self._in_charts else topology.state_at
+        self.constrained_state = state_at(q, bool(uses_G))
+        self.robot = self.constrained_state.robot
+        self.q: ScalarArray = self.constrained_state.chart_q
+        self.qd: ScalarArray = np.zeros(len(self.robot.joints), dtype=int)
+        self.constraint_drift: ScalarArray | None = None
+        if "qd" in self.inputs:
+            self.qd = self.constrained_state.expand_rates(self.inputs["qd"])
+            self.constraint_drift = self.constrained_state.constraint_drift(self.qd)
+
+    def _trace_base(self, arguments: Sequence[str], prescribed_base: bool) -> None:
+        """Set twist, gravity and acceleration (minus gravity) of the base, as far as they are known."""
+        for name in (*arguments, *(["base_acceleration"] if prescribed_base else [])):
+            self.inputs[name] = self.trace.input(name, 3 if name == "gravity" else 6)
+        moves = self.robot.moving_base
+        self.base_is_free = moves and not prescribed_base
+        self.twist: ScalarArray = self.inputs.get("twist", ZERO_SCREW)
+        gravity = self.inputs.get("gravity", ZERO_SCREW[:3]) if moves else self.robot.gravity
+        self.gravity_screw: ScalarArray = np.concatenate([gravity, ZERO_SCREW[3:]])
+        self.base_acceleration: ScalarArray = ZERO_SCREW
+        if not self.base_is_free:
+            self.base_acceleration = self.inputs.get("base_acceleration", 0) - self.gravity_screw
+
+    def _trace_wrenches(self, names: Iterable[str]) -> dict[int, ScalarArray]:
+        """Wrenches jf_e (6,) that links exert on their environment, by link number, in frame j.
+
+        The arguments of the program have the opposite sign and are expressed in the named frames.
+        """
+        wrenches: dict[int, ScalarArray] = {}
+        for name in names:
+            frame = self.robot.frame(name)
+            R, P = frame.placement[:3, :3], frame.placement[:3, 3]
+            self.inputs[f"wrench on {name}"] = wrench = self.trace.input(f"wrench on {name}", 6)
+            wrenches[frame.link] = wrenches.get(frame.link, 0) - wrench_to_antecedent(R, P, wrench)
+        return wrenches
+
+    def projected(self, forces: ScalarArray) -> ScalarArray:
+        """Forces of all joints (all joints,) projected onto the independent joints (n,)."""
+        projected: ScalarArray = self.constrained_state.projected(forces)
+        return projected
+
+    def joint_accelerations(self, qdd: ScalarArray) -> ScalarArray:
+        """Accelerations of all joints (all joints,) from those of the independent ones (n,)."""
+        accelerations: ScalarArray = self.constrained_state.expand_rates(qdd, self.constraint_drift)
+        return accelerations
+
+    @property
+    def projection_matrix(self) -> ScalarArray:
+        """G, with rows and columns of the identity for a moving base."""
+        P: ScalarArray = projection_matrix(self.constrained_state.G, 6 if self.robot.moving_base else 0)
+        return P
+
+    def forces(self, qdd: ScalarArray, base_acceleration: ScalarArray) -> tuple[ScalarArray, ScalarArray]:
+        """Forces of the tree (all joints,) and the wrench on the base (6,) at accelerations of independent joints."""
+        forces, wrench = inverse_dynamics(
+            self.robot, self.q, self.qd, self.joint_accelerations(qdd), self.twist, base_acceleration, self.wrenches
+        )
+        return forces, wrench
+
+    def bias_rows(self, base_acceleration: ScalarArray) -> ScalarArray:
+        """Efforts (m,) of the inverse model without joint accelerations; the wrench of a moving base comes first."""
+        forces, wrench = self.forces(np.zeros(self.size, dtype=int), base_acceleration)
+        forces = self.projected(forces)
+        return np.concatenate([wrench, forces]) if self.robot.moving_base else forces
+
+    def accelerations(
+        self, unknown: Collection[int], known: ScalarArray, efforts: ScalarArray
+    ) -> tuple[ScalarArray, ScalarArray]:
+        """Accelerations of a free base and of joints of which the efforts are known.
+
+        Parameters
+        ----------
+        unknown : collection of int
+            Indices of the independent joints of which the accelerations are solved for.
+        known : (n,)
+            Accelerations of the others, zero for the unknown ones.
+        efforts : (n,)
+            Efforts without passive efforts; only those of unknown joints are read.
+
+        Returns
+        -------
+        base_acceleration : (6,)
+            Minus gravity.
+        qdd : (n,)
+        """
+        forces, wrench = self.forces(known, self.base_acceleration)
+        bias = np.concatenate([wrench, forces]) if self.base_is_free else forces
+        zeros = np.zeros(self.size, dtype=int)
+        # a base with prescribed acceleration has no rows in A
+        matrix_robot = self.robot if self.base_is_free else replace(self.robot, moving_base=False)
+        solution, pivots, diagonal = solve_constrained_accelerations(
+            matrix_robot, self.constrained_state.G, self.q, unknown, zeros, efforts, bias
+        )
+        self.pivot_results = {"pivots": np.array(pivots, dtype=object), "diagonal": diagonal}
+        first = len(solution) - self.size
+        qdd = [solution[first + k] if k in unknown else known[k] for k in range(self.size)]
+        base_acceleration = solution[:6] if self.base_is_free else self.base_acceleration
+        return base_acceleration, np.array(qdd, dtype=object)
+
+    def program(
+        self,
+        results: dict[str, ScalarArray],
+        base_acceleration: ScalarArray | None = None,
+        with_pivots: bool = False,
+    ) -> Program:
+        """The program of some results, with the acceleration of a free base (minus gravity, here) if it is passed."""
+        if self.base_is_free and base_acceleration is not None:
+            results["base_acceleration"] = base_acceleration + self.gravity_screw
+        if with_pivots:
+            results.update(self.pivot_results)
+        return build_program(self.trace, self.name, {key: len(array) for key, array in self.inputs.items()}, results)
+
+
+def topology_of(robot: Robot, independent: Sequence[int] | None) -> ConstraintTopology:
+    """The ConstraintTopology of a robot, with other independent joints if their numbers are passed."""
+    topology: ConstraintTopology = build_topology(robot)
+    if independent is not None:
+        topology = topology.with_independent(independent)
+    return topology

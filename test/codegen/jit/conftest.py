@@ -1,0 +1,16 @@
+"""Fixtures of the tests of compiled programs."""
+
+import threading
+
+import pytest
+
+from robot_dynamics.codegen.jit.background import THREAD_NAME
+
+
+@pytest.fixture
+def no_background_work():
+    """Wait for compilations of earlier tests, which would be counted, or write to the cache folder of this test."""
+    for thread in threading.enumerate():
+        if thread.name == THREAD_NAME:
+            thread.join(120)
+            assert not thread.is_alive()

@@ -1,0 +1,109 @@
+"""Programs of the shipped robots: no more operations than recorded, and the same statements where counts are equal.
+
+`shipped_programs.json` has the counts and a digest of each program. Run this file as a script to record them again
+after a change that is meant to change programs.
+"""
+
+import contextlib
+import hashlib
+import json
+from pathlib import Path
+
+import pytest
+from peers.traced_models import shipped_program, shipped_robot
+
+from robot_dynamics import shipped_robots
+from robot_dynamics.codegen.jit.compiled_models import available_models
+from robot_dynamics.codegen.trace import scalar
+
+RECORD = Path(__file__).with_name("shipped_programs.json")
+RECORDED = json.loads(RECORD.read_text(encoding="ascii"))
+SLOW_ROBOTS = {"gough_stewart", "hexapod_stack"}
+"""Robots whose models take more than 3 s to trace."""
+
+OPERATION_NAMES = {
+    scalar.INPUT: "INPUT",
+    scalar.PARAMETER: "PARAMETER",
+    scalar.CONSTANT: "CONSTANT",
+    scalar.ADD: "ADD",
+    scalar.SUBTRACT: "SUBTRACT",
+    scalar.MULTIPLY: "MULTIPLY",
+    scalar.DIVIDE: "DIVIDE",
+    scalar.SINE: "SINE",
+    scalar.COSINE: "COSINE",
+    scalar.SQUARE_ROOT: "SQUARE_ROOT",
+    scalar.SIGN: "SIGN",
+}
+
+
+def structural_digest(program):
+    """A hash of the statements and outputs of a program, in order.
+
+    Nodes are numbered by their first occurrence, so that unused nodes of the trace do not count. Constants are rounded
+    to 12 digits.
+    """
+    numbers = {}
+
+    def number(node):
+        return numbers.setdefault(node, len(numbers))
+
+    def operand_texts(statement):
+        if statement.operation == scalar.CONSTANT:
+            return [rounded_text(value) for value in statement.operands]
+        if statement.operation in scalar.LEAVES:
+            return [str(operand) for operand in statement.operands]
+        return [number(node) for node in statement.operands]
+
+    rows = []
+    for statement in (*program.leaves, *program.setup, *program.statements):
+        result = number(statement.number)
+        rows.append((result, OPERATION_NAMES[statement.operation], operand_texts(statement)))
+    rows.append([(output.shape, [(number(node), sign) for node, sign in output.entries]) for output in program.outputs])
+    return hashlib.sha256(json.dumps(rows).encode()).hexdigest()[:16]
+
+
+def rounded_text(value):
+    return "0" if abs(value) < 1e-12 else f"{float(value):.12g}"
+
+
+def programs_of(name):
+    """The program of each model of a shipped robot, without models that are singular in every state."""
+    programs = {}
+    for model in available_models(shipped_robot(name)):
+        with contextlib.suppress(ZeroDivisionError):
+            programs[model] = shipped_program(name, model)
+    return programs
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW_ROBOTS)) for name in shipped_robots()]
+)
+def test_programs_of_shipped_robots_are_unchanged_or_smaller(name):
+    programs = programs_of(name)
+    assert list(programs) == list(RECORDED[name])
+    for model, program in programs.items():
+        counts, digest = RECORDED[name][model]
+        operations = list(program.operations)
+        assert all(count <= recorded for count, recorded in zip(operations, counts, strict=True)), (model, operations)
+        if operations == counts:
+            assert structural_digest(program) == digest, f"{model}: other statements with the same counts"
+
+
+def test_record_has_every_shipped_robot():
+    assert sorted(RECORDED) == sorted(shipped_robots())
+
+
+def main():
+    """Write {robot: {model: [operation counts, digest]}}, a line for each program."""
+    blocks = []
+    for name in sorted(shipped_robots()):
+        lines = [
+            f"    {json.dumps(model)}: {json.dumps([program.operations, structural_digest(program)])}"
+            for model, program in programs_of(name).items()
+        ]
+        blocks.append(f"  {json.dumps(name)}: {{\n" + ",\n".join(lines) + "\n  }")
+    RECORD.write_text("{\n" + ",\n".join(blocks) + "\n}\n", encoding="ascii")
+
+
+if __name__ == "__main__":
+    main()
