@@ -5,8 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
+
+__all__ = [
+    "Base",
+    "BaseState",
+    "base_state",
+    "common_batch_shape",
+    "link_wrenches",
+    "require_finite",
+    "require_pose",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,39 +56,6 @@ class BaseState:
     def true_acceleration(self, acceleration):
         """(..., 6) with gravity restored."""
         return acceleration - self.rest_acceleration
-
-
-def require_finite(what, values, size, entry_names, ignored_columns=None):
-    """An array of floats (..., size), all finite. Raises QuestionError saying which is not.
-
-    left_open: {column: why nothing can be given there}, columns in which 0 and nan say nothing; 0 comes out.
-    """
-    try:
-        array = np.asarray(values.filled(np.nan) if isinstance(values, np.ma.MaskedArray) else values)
-    except (TypeError, ValueError):
-        array = np.asarray("ragged")
-    if array.dtype.kind not in "biuf":
-        told = repr(values)
-        told = told if len(told) < 80 else told[:77] + "..."
-        raise InvalidInputError(f"{what}: an array of numbers (..., {size}) is needed, not {told}")
-    array = array.astype(float, copy=False)
-    if array.ndim == 0 or array.shape[-1] != size:
-        raise InvalidInputError(
-            f"{what} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {entry_names}"
-        )
-    if ignored_columns:
-        array = array.copy()
-        for column, why in ignored_columns.items():
-            entries = array[..., column]
-            if not (np.isnan(entries) | (entries == 0)).all():
-                given = entries[~(np.isnan(entries) | (entries == 0))].flat[0]
-                raise InvalidInputError(f"{what}[{column}] is {given:g}: {why}. Give 0 or nan there")
-            array[..., column] = 0
-    if not np.isfinite(array).all():
-        where = tuple(int(index) for index in np.argwhere(~np.isfinite(array))[0])
-        sample = f" at sample {', '.join(map(str, where[:-1]))}" if len(where) > 1 else ""
-        raise InvalidInputError(f"{what}[{where[-1]}]{sample} is {array[where]}: a finite number is needed")
-    return array
 
 
 def base_state(robot, base):

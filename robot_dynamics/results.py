@@ -5,10 +5,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.errors import InvalidInputError, SingularModelError
+from robot_dynamics.array_checks import broadcast_result, refuse_overflow
+from robot_dynamics.errors import SingularModelError
+from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
+from robot_dynamics.newton_euler.screw import BASE_ROWS
 
-BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
-MIN_INERTIA_RATIO = 1e-14  # an inertia below this part of the largest one beside it is rounding
+__all__ = [
+    "BASE_ROWS",
+    "MIN_INERTIA_RATIO",
+    "DynamicsResult",
+    "Equilibrium",
+    "JointMotion",
+    "broadcast_result",
+    "refuse_unbalanced",
+]
+
 EQUILIBRIUM_TOLERANCE = (
     1e-9  # what may be left of the forces of an equilibrium, as a part of weights, wrenches and springs
 )
@@ -61,36 +72,11 @@ class Equilibrium:
     stable: np.ndarray
 
 
-def broadcast_result(array, batch, axes=1):
-    """A new array with the whole batch shape in front of the last axes. Refuses what is not finite."""
-    complete = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
-    if not np.isfinite(complete).all():
-        sample = tuple(int(index) for index in np.argwhere(~np.isfinite(complete))[0][: len(batch)])
-        _overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
-    return complete
-
-
-def _overflow(where=""):
-    raise InvalidInputError(
-        f"the answer{where} is no finite number: something that is asked, or the robot, is too large"
-    )
-
-
-def refuse_singular(pivot, scale, name):
-    if np.isnan(pivot).any():
-        _overflow()
-    if not np.all(pivot > MIN_INERTIA_RATIO * np.abs(scale)):
-        raise SingularModelError(
-            f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
-            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
-        )
-
-
 def refuse_unbalanced(balance, names):
     """Raise SingularModelError where a Balance of the joints `names` has forces left."""
     left, scale = np.broadcast_arrays(np.atleast_2d(balance.residual), np.atleast_2d(balance.scale))
     if not (np.isfinite(left).all() and np.isfinite(scale).all()):
-        _overflow()
+        refuse_overflow()
     share = (np.abs(left) / np.where(scale > 0, scale, 1.0)).reshape(-1, len(names))
     if not (share < EQUILIBRIUM_TOLERANCE).all():
         sample, joint = (int(number) for number in np.argwhere(share >= EQUILIBRIUM_TOLERANCE)[0])

@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE, NEARLY_CLOSED_RESIDUAL, find_widest_loop
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.inputs import require_finite
 
 # The least quality of a configuration whose rates mean something. Next to a singular position a deviation δ leaves a
 # residual of δ² only, and the quality is about δ²: this is what positions within CLOSES of one have, and some more.

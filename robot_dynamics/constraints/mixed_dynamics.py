@@ -5,12 +5,15 @@ from functools import cached_property
 
 import numpy as np
 
+from robot_dynamics.array_checks import broadcast_result, refuse_overflow
 from robot_dynamics.constraints.topology import solve_constrained_accelerations
+from robot_dynamics.errors import SingularModelError
 from robot_dynamics.newton_euler import articulated_body
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import run_forward_pass
+from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
+from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.newton_euler.walker_orin import bias
-from robot_dynamics.results import BASE_ROWS, broadcast_result, refuse_singular
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,3 +138,13 @@ def _refuse_singular(robot, found):
             )
     for k, pivot in enumerate(found.base_pivots):
         refuse_singular(pivot, backward_pass.articulated_inertias[0][..., k, k], BASE_ROWS[k])
+
+
+def refuse_singular(pivot, scale, name):
+    if np.isnan(pivot).any():
+        refuse_overflow()
+    if not np.all(pivot > MIN_INERTIA_RATIO * np.abs(scale)):
+        raise SingularModelError(
+            f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
+            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
+        )

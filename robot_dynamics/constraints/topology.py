@@ -18,9 +18,9 @@ from scipy.linalg import qr
 from robot_dynamics.constraints.attitude_charts import (
     attach_charts,
     chart_rates,
+    displace,
     displacement,
     find_attitude_joints,
-    displace,
 )
 from robot_dynamics.constraints.least_squares import factor_bordered, least_squares, partition
 from robot_dynamics.constraints.loop_equations import equations_per_loop, loop_equations

@@ -3,6 +3,9 @@ values."""
 
 import numpy as np
 
+MIN_INERTIA_RATIO = 1e-14
+"""Pivot of an inertia matrix, as a part of its entry of the diagonal, below which it is rounding."""
+
 
 def factor(matrix):
     """L and D of matrix = L diag(D) Lᵀ, for a symmetric matrix (..., m, m): L as rows of columns, D as a list.

@@ -8,6 +8,8 @@ import numpy as np
 
 from robot_dynamics.model.inertia import skew
 
+BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
+"""Names of the six components of a twist of the base or of a wrench on it."""
 YZX, ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
