@@ -18,7 +18,7 @@ from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.charted_regressor import independent_regressor
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.constraints.mixed_dynamics import RobotState, compute_link_wrenches, solve_mixed_dynamics
-from robot_dynamics.constraints.topology import projection_matrix
+from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.errors import InvalidInputError, SingularModelError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm

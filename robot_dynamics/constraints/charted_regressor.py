@@ -9,7 +9,7 @@ the angles do not exist for every angular velocity.
 import numpy as np
 
 from robot_dynamics.constraints import attitude_charts
-from robot_dynamics.constraints.topology import projection_matrix
+from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS, regressor
 
 

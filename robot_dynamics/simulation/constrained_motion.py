@@ -18,9 +18,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics.constraints import attitude_charts
+from robot_dynamics.constraints.branch_tracker import BranchTracker
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
+from robot_dynamics.constraints.state import charted_state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.rotation import rotation_vector_rate
@@ -143,7 +145,7 @@ class ConstrainedMotion:
             The loops do not close near q.
         """
         partition, step = self._partition(coordinates.independent)
-        found = partition.project_onto_constraints(self._free(q)[None], step, tolerance)
+        found = BranchTracker(partition, step).project_onto_constraints(self._free(q)[None], tolerance)
         if not found.is_closed[0]:
             self._refuse(q, "do not close near the positions that the integration leads to")
         return self._all(found.t[0]), float(found.quality[0])
@@ -263,7 +265,7 @@ class ConstrainedMotion:
 
     def constrained_state(self, coordinates, q):
         """The Configuration at positions q (all joints,), its independent joints those of the coordinates."""
-        return self._partition(coordinates.independent)[0].charted_state_at(q)
+        return charted_state_at(self._partition(coordinates.independent)[0], q)
 
     def joint_velocities(self, q, rates):
         """Velocities (all joints,) of the joints, from rates (all joints,) in the charts of platforms at q."""

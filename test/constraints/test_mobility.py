@@ -220,7 +220,7 @@ def test_next_to_a_singular_position_nothing_is_answered():
     with pytest.raises(SingularModelError, match="sample 19: it closes"):
         dynamics.expand_trajectory(np.linspace([0.7, 2.5], [0.7, 0.7], 20))
     crank = Dynamics(load_robot(SLIDER), compiled=False)
-    with pytest.raises(SingularModelError, match="does not tell where crank, pin, end are"):
+    with pytest.raises(SingularModelError, match="does not determine crank, pin, end"):
         crank.inverse([0.4], [0.0], [0.0])
 
 

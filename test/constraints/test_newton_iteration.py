@@ -1,12 +1,14 @@
 """Loops are closed by the same steps for one sample and for many, by NumPy and by the compiled program."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from peers.loop_states import random_closed_state
 from peers.random_loops import random_loops
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
-from robot_dynamics.constraints.newton_iteration import iterate_newton
+from robot_dynamics.constraints.newton_iteration import iterate_newton, newton_step
 from robot_dynamics.constraints.topology import build_topology
 
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
@@ -18,17 +20,16 @@ ROBOTS = {**{name: lambda name=name: load_robot(name) for name in LOOPED},
 def test_one_sample_and_many_take_the_same_steps(seed):
     looped = random_loops(seed)
     system, rng = build_topology(looped.robot), np.random.default_rng(seed)
+    evaluate = partial(newton_step, system)
     states = [random_closed_state(looped.robot, looped.q, looped.dependents, rng, 0.1)[0] for _ in range(4)]
     t = np.array([*states, *states])[:, system.non_mimic_joints]
     t[4:, system.dependent_columns] += rng.uniform(
         -3, 3, (4, len(system.dependent_columns))
     )  # some of these close nowhere
     longest = np.full(len(system.dependent_columns), 0.5)
-    many, found = iterate_newton(system.newton_step, t, system.dependent_columns, longest, iterations=4)
+    many, found = iterate_newton(evaluate, t, system.dependent_columns, longest, iterations=4)
     for sample in range(len(t)):
-        one, alone = iterate_newton(
-            system.newton_step, t[sample, None], system.dependent_columns, longest, iterations=4
-        )
+        one, alone = iterate_newton(evaluate, t[sample, None], system.dependent_columns, longest, iterations=4)
         np.testing.assert_allclose(one[0], many[sample], rtol=1e-6, atol=1e-8)
         assert [value.shape for value in alone] == [(1, *value.shape[1:]) for value in found]
         np.testing.assert_allclose(alone[0][0], found[0][sample], rtol=1e-6, atol=1e-8)
@@ -53,9 +54,9 @@ def test_assembly_modes_are_told_alike_by_numpy_and_by_the_program(name):
     frames in which the program is traced, wherever the joints are."""
     dynamics = Dynamics(ROBOTS[name](), compiled=False)
     system, program = build_topology(dynamics.robot), dynamics.compile("closure")
-    assert np.linalg.det(system.newton_step(system.reference_positions)[-1]) > 0
+    assert np.linalg.det(newton_step(system, system.reference_positions)[-1]) > 0
     near = system.reference_positions + np.random.default_rng(0).uniform(-0.1, 0.1, (50, len(system.non_mimic_joints)))
-    expected, found = np.linalg.det(system.newton_step(near)[-1]), np.linalg.det(program.batch(near)[-1])
+    expected, found = np.linalg.det(newton_step(system, near)[-1]), np.linalg.det(program.batch(near)[-1])
     clear = np.abs(expected) > 1e-2 * np.abs(expected).max(initial=0)
     assert np.array_equal(np.sign(expected)[clear], np.sign(found)[clear])
     assert clear.any()

@@ -15,7 +15,10 @@ from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.charted_regressor import independent_regressor
-from robot_dynamics.constraints.topology import build_topology, projection_matrix, solve_constrained_accelerations
+from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
+from robot_dynamics.constraints.newton_iteration import newton_step
+from robot_dynamics.constraints.state import charted_state_at, projection_matrix, state_at
+from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.model.mdh import MDHParameters, cosine_sine, mdh_from_placement, placement_from_mdh
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.newton_euler import composite
@@ -156,7 +159,7 @@ def closure_model(robot, *, independent=None):
     prepared_robot, shifts = prepare_robot(robot, group_parameters=False)
     chosen = chosen.with_robot(prepared_robot, shifts).with_determinant_sign()
     names = ("residual", "step", "pivots", "squared_norms", "determinant_matrix")
-    results = dict(zip(names, chosen.newton_step(trace.input("q", len(chosen.non_mimic_joints))), strict=True))
+    results = dict(zip(names, newton_step(chosen, trace.input("q", len(chosen.non_mimic_joints))), strict=True))
     return build_program(trace, "closure", {"q": len(chosen.non_mimic_joints)}, results)
 
 
@@ -242,7 +245,7 @@ class _Model:
         )
         seen = self.topology.with_robot(self.robot, shifts)
         self.constrained_state = (
-            seen.charted_state_at(q, bool(uses_G)) if self._in_charts else seen.state_at(q, bool(uses_G))
+            charted_state_at(seen, q, bool(uses_G)) if self._in_charts else state_at(seen, q, bool(uses_G))
         )
         self.robot, self.q = self.constrained_state.robot, self.constrained_state.chart_q
         self.qd, self.constraint_drift = np.zeros(len(self.robot.joints), dtype=int), None
