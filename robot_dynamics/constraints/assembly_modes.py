@@ -43,8 +43,8 @@ def solve_closure_near_seed(tracker: BranchTracker, q: Array, seed: Array) -> Cl
     t[:, topology.independent_columns] = q
     t[:, topology.dependent_columns] = seed
     is_unknown = np.isnan(seed)
-    is_partial = is_unknown.any(axis=-1)
-    has_no_seed = is_unknown.all(axis=-1)
+    is_partial = np.asarray(is_unknown.any(axis=-1))
+    has_no_seed = np.asarray(is_unknown.all(axis=-1))
     if not is_partial.any():
         return tracker.project_onto_constraints(t)
     reference = solve_closure_from_reference(tracker, q[is_partial])
@@ -52,8 +52,7 @@ def solve_closure_near_seed(tracker: BranchTracker, q: Array, seed: Array) -> Cl
     start = np.where(is_usable[:, None], reference.t, topology.reference_positions)
     t[is_partial] = _complete_seed(topology, t[is_partial], start)
     result = tracker.project_onto_constraints(t)
-    rows = has_no_seed[is_partial]
-    result.assign_samples(has_no_seed, [values[rows] for values in reference])
+    result.assign_samples(has_no_seed, reference, has_no_seed[is_partial])
     return result
 
 
@@ -98,7 +97,7 @@ def solve_closure_from_reference(tracker: BranchTracker, q: Array) -> ClosureRes
             continue
         trial = _check_mode(follow(tracker, start[samples], target[samples]))
         is_better = ~trial.has_crossed_singularity & trial.is_closed
-        result.assign_samples(samples[is_better], [values[is_better] for values in trial])
+        result.assign_samples(samples[is_better], trial, is_better)
     result.t[:, topology.independent_columns] = q
     return result
 

@@ -4,14 +4,13 @@ A path goes straight from one position of the independent joints to another, in 
 extrapolation of the last one. A stride that ends far beside its extrapolation has a bend, as where two branches meet.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
+from robot_dynamics.array_types import Array, BoolArray, IntArray
 from robot_dynamics.constraints.attitude_charts import chart_rates, displace, displacement
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE
 from robot_dynamics.constraints.newton_iteration import (
@@ -71,10 +70,12 @@ class ClosureResult(NamedTuple):
         largest: Array = np.abs(self.residual).max(axis=-1, initial=0)
         return largest <= CLOSURE_TOLERANCE
 
-    def assign_samples(self, samples: Array | BoolArray, values: Sequence[Array]) -> None:
-        """Overwrite these samples with those of another ClosureResult."""
-        for array, entries in zip(self, values, strict=True):
-            array[samples] = entries
+    def assign_samples(
+        self, samples: IntArray | BoolArray, other: "ClosureResult", other_samples: IntArray | BoolArray
+    ) -> None:
+        """Overwrite samples with samples of another ClosureResult."""
+        for array, other_array in zip(self, other, strict=True):
+            array[samples] = other_array[other_samples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +227,8 @@ class BranchTracker:
         length = np.sum(last**2, axis=-1)
         ratio = np.sum(last * remaining, axis=-1) / np.where(length > 0, length, np.inf)
         ratio = np.clip(ratio, -MAX_EXTRAPOLATION, MAX_EXTRAPOLATION)
-        return ratio[:, None] * displacement(previous_positions, t, self.topology.dependent_attitudes)
+        extrapolation: Array = ratio[:, None] * displacement(previous_positions, t, self.topology.dependent_attitudes)
+        return extrapolation
 
     def _extrapolate(self, before: Array, t: Array) -> Array:
         """(N, m) positions as far beyond t as t is from `before`."""
@@ -244,4 +246,4 @@ class BranchTracker:
         stride = np.abs(displacement(before, predicted, attitudes) / units)
         deviation = np.abs(displacement(predicted, t, attitudes) / units)
         limit = MAX_RELATIVE_DEVIATION * stride.max(axis=-1) + MAX_ABSOLUTE_DEVIATION
-        return deviation.max(axis=-1) > limit
+        return np.asarray(deviation.max(axis=-1) > limit)

@@ -80,7 +80,7 @@ class RobotState:
     @property
     def has_dependent_joints(self) -> bool:
         """Whether some joints depend on others."""
-        return len(self.joint_names) < self.q.shape[-1]
+        return len(self.joint_names) < len(self.robot.joints)
 
     @cached_property
     def drift(self) -> Array:

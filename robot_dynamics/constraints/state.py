@@ -104,8 +104,9 @@ class ConstrainedState:
         rates = rates[..., self.topology.non_mimic_joints]
         missing = apply(loops.matrix, rates)
         missing = missing if constraint_drift is None else missing + constraint_drift
-        complete = rates + apply(loops.dependent_basis, least_squares(loops.factors, -missing[..., None])[..., 0])
-        return complete @ self.topology.S.T
+        dependent_rates = least_squares(loops.factors, -missing[..., None])[..., 0]
+        complete: Array = (rates + apply(loops.dependent_basis, dependent_rates)) @ self.topology.S.T
+        return complete
 
     def expand_rates(self, values: ScalarArray, constraint_drift: ScalarArray | None = None) -> ScalarArray:
         """Velocities of all joints from those of the independent joints, or accelerations from accelerations.

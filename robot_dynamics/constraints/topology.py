@@ -130,9 +130,10 @@ class ConstraintTopology:
         independent = others[order[len(self.dependent_columns) - len(angles) :]]
         return tuple(self.non_mimic_joints[k] for k in sorted(independent))
 
-    def joint_positions(self, t: Array) -> Array:
+    def joint_positions(self, t: ScalarArray) -> ScalarArray:
         """Positions (..., all joints) from those (..., m) of the joints that mimic no other joint."""
-        return t @ self.S.T + self.offset
+        q: ScalarArray = t @ self.S.T + self.offset
+        return q
 
     def loop_equations_at(self, t: ScalarArray) -> LoopEquations:
         """LoopEquations at t (..., m), their Jacobian in the charts of `dependent_attitudes`."""
@@ -141,7 +142,8 @@ class ConstraintTopology:
 
     def dependent_jacobian(self, t: Array) -> Array:
         """J_d (rows, dependent) at positions t (m,)."""
-        return self.loop_equations_at(t).jacobian @ self.S[:, self.dependent_columns]
+        J: Array = self.loop_equations_at(t).jacobian @ self.S[:, self.dependent_columns]
+        return J
 
     def condition_number(self, t: Array) -> float:
         """Condition number of J_d at positions t (m,), infinite where J_d is not finite."""
@@ -199,7 +201,7 @@ class ConstraintTopology:
     def independent_limits(self) -> Array:
         """(2, n) lower and upper limits of the independent joints."""
         limits = [self.robot.joints[number].limits for number in self.independent]
-        return np.array([(limit.lower, limit.upper) for limit in limits]).reshape(-1, 2).T
+        return np.array([[limit.lower for limit in limits], [limit.upper for limit in limits]], dtype=float)
 
 
 def build_topology(robot: Robot) -> ConstraintTopology:

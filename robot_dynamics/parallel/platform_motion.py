@@ -11,7 +11,12 @@ One without has rates of the angles.
 
 import numpy as np
 
-from robot_dynamics.constraints.attitude_charts import angles_from_rotation, axis_rotation, nearest_angles, rotation
+from robot_dynamics.constraints.attitude_angles import (
+    angles_from_rotation,
+    axis_rotation,
+    nearest_angles,
+    rotation_from_angles,
+)
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 
@@ -30,14 +35,14 @@ def coordinates_from_pose(pose, near=None):
 def pose_from_coordinates(x):
     """(..., 4, 4) poses of coordinates (..., 6)."""
     pose = np.zeros((*x.shape[:-1], 4, 4))
-    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation(x[..., 3:]), x[..., :3], 1
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = rotation_from_angles(x[..., 3:]), x[..., :3], 1
     return pose
 
 
 def twist_matrix(x):
     """(..., 6, 6): from the rates of coordinates x (..., 6) to the twist of the platform in its own frame."""
     matrix = np.zeros((*x.shape[:-1], 6, 6))
-    matrix[..., :3, :3] = np.swapaxes(rotation(x[..., 3:]), -1, -2)
+    matrix[..., :3, :3] = np.swapaxes(rotation_from_angles(x[..., 3:]), -1, -2)
     sine, cosine = np.sin(x[..., 4:]), np.cos(x[..., 4:])  # of pitch and roll
     matrix[..., 3, 3], matrix[..., 3, 5] = -sine[..., 0], 1
     matrix[..., 4, 3], matrix[..., 4, 4] = cosine[..., 0] * sine[..., 1], cosine[..., 1]
@@ -97,16 +102,20 @@ class ChartRates:
 
     @staticmethod
     def twist(x, rates):
-        return _joined(apply_transposed(rotation(x[..., 3:]), rates[..., :3]), _in_platform(x, rates[..., :2:-1]))
+        return _joined(
+            apply_transposed(rotation_from_angles(x[..., 3:]), rates[..., :3]), _in_platform(x, rates[..., :2:-1])
+        )
 
     @staticmethod
     def acceleration(x, rates, rate_derivatives):
         angular = (rate_derivatives[..., 3:] - _turning(rates))[..., ::-1]
-        return _joined(apply_transposed(rotation(x[..., 3:]), rate_derivatives[..., :3]), _in_platform(x, angular))
+        return _joined(
+            apply_transposed(rotation_from_angles(x[..., 3:]), rate_derivatives[..., :3]), _in_platform(x, angular)
+        )
 
 
 def _in_base(x, vector):
-    return apply(rotation(x[..., 3:]), vector)
+    return apply(rotation_from_angles(x[..., 3:]), vector)
 
 
 def _in_chart(x, vector):

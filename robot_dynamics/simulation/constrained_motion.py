@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.constraints import attitude_charts
+from robot_dynamics.constraints import attitude_angles, attitude_charts
 from robot_dynamics.constraints.branch_tracker import BranchTracker
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import find_widest_loop
@@ -295,8 +295,8 @@ class ConstrainedMotion:
             return x
         q = x.copy()
         for joints, angles in local_charts:
-            R = attitude_charts.rotation(angles) @ Rotation.from_rotvec(x[joints]).as_matrix()
-            q[joints] = attitude_charts.nearest_angles(R, angles) + self._coupling.offset[joints]
+            R = attitude_angles.rotation_from_angles(angles) @ Rotation.from_rotvec(x[joints]).as_matrix()
+            q[joints] = attitude_angles.nearest_angles(R, angles) + self._coupling.offset[joints]
         return q
 
     def derivative(self, x, q, rates, local_charts):
@@ -306,7 +306,7 @@ class ConstrainedMotion:
         found = self.joint_velocities(q, rates)
         for joints, _ in local_charts:
             roll = self._angles(q, joints)[2]
-            omega = attitude_charts.axis_rotation(0, roll).T @ rates[joints][::-1]  # in the axes of the platform
+            omega = attitude_angles.axis_rotation(0, roll).T @ rates[joints][::-1]  # in the axes of the platform
             found[joints] = rotation_vector_rate(x[joints], omega)
         return found
 

@@ -38,13 +38,13 @@ def test_a_passive_joint_named_active_is_one_motor_too_many():
 
 def test_a_motor_too_few_is_told_with_the_mobility():
     robot = with_joint(load_robot("five_bar"), "right_crank", actuated=False)
-    with pytest.raises(DescriptionError, match=r"mobility 2 and 1 motors: with 'left_crank' held, passive joints can"):
+    with pytest.raises(DescriptionError, match=r"mobility 2 and 1 motors: with 'left_crank' locked, passive joints can"):
         Dynamics(robot)
 
 
 def test_no_motor_at_all_is_told():
     robot = with_joint(load_robot("four_bar"), "crank", actuated=False)
-    with pytest.raises(DescriptionError, match=r"mobility 1 and 0 motors: with no joint held"):
+    with pytest.raises(DescriptionError, match=r"mobility 1 and 0 motors: with no joint locked"):
         Dynamics(robot)
 
 
@@ -88,7 +88,7 @@ def test_a_loop_that_cannot_close_names_itself_and_what_is_left_open():
     robot = load_robot("four_bar")
     loop = robot.loops[0]
     far = LoopEnd(loop.closed_on.link, placement(translation=(50.0, 0.0, 0.0)))
-    with pytest.raises(DescriptionError, match=rf"of loop '{loop.name}' the ends stay [0-9.]+ m and [0-9.]+ rad apart"):
+    with pytest.raises(DescriptionError, match=rf"the ends of loop '{loop.name}' stay [0-9.]+ m and [0-9.]+ rad apart"):
         Dynamics(replace(robot, loops=(replace(loop, closed_on=far),)))
 
 
