@@ -103,8 +103,9 @@ class BranchTracker:
             advance=self._advance,
         )
         quality = (pivots / squared_norms).min(axis=-1)
-        no_sample = np.zeros(len(t), dtype=bool)
-        return ClosureResult(t, residual, quality, determinant_matrix, no_sample, no_sample)
+        has_crossed = np.zeros(len(t), dtype=bool)
+        has_bend = np.zeros(len(t), dtype=bool)
+        return ClosureResult(t, residual, quality, determinant_matrix, has_crossed, has_bend)
 
     def follow_path(
         self, t: Array, q: Array, max_stride: float = MAX_STRIDE, previous_positions: Array | None = None

@@ -38,7 +38,9 @@ def test_a_passive_joint_named_active_is_one_motor_too_many():
 
 def test_a_motor_too_few_is_told_with_the_mobility():
     robot = with_joint(load_robot("five_bar"), "right_crank", actuated=False)
-    with pytest.raises(DescriptionError, match=r"mobility 2 and 1 motors: with 'left_crank' locked, passive joints can"):
+    with pytest.raises(
+        DescriptionError, match=r"mobility 2 and 1 motors: with 'left_crank' locked, passive joints can"
+    ):
         Dynamics(robot)
 
 

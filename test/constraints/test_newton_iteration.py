@@ -8,6 +8,7 @@ from peers.loop_states import random_closed_state
 from peers.random_loops import random_loops
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.constraints.newton_iteration import iterate_newton, newton_step
 from robot_dynamics.constraints.topology import build_topology
 
@@ -71,3 +72,14 @@ def test_batches_longer_than_a_block_are_closed_whole(name, monkeypatch):
     many = dynamics.expand_positions(q)
     np.testing.assert_allclose(many, [dynamics.expand_positions(one) for one in q], rtol=0, atol=1e-11)
     np.testing.assert_allclose(dynamics.expand_positions(many), many, rtol=0, atol=1e-11)
+
+
+def test_samples_without_seed_are_refused_in_batches_as_by_themselves():
+    """A sample without seed in another assembly mode than the initial one, in a batch with a sample that has a seed."""
+    solver = ClosureSolver(load_robot("sr400"))
+    q = np.tile(solver.closed_positions, (12, 1))
+    q[:, solver.independent] += np.random.default_rng(0).uniform(-3, 3, (12, len(solver.independent)))
+    q[1:, solver.dependent] = np.nan
+    _, is_closed = solver.try_close_loops(q)
+    assert is_closed.tolist() == [bool(solver.try_close_loops(sample)[1]) for sample in q]
+    assert is_closed.any() and not is_closed.all()
