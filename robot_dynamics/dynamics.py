@@ -18,8 +18,9 @@ from robot_dynamics.inputs import Base
 from robot_dynamics.joint_dynamics import JointDynamics
 from robot_dynamics.model.platform import Platform
 from robot_dynamics.model.robot import Robot
+from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms
-from robot_dynamics.results import BASE_ROWS, DynamicsResult, Equilibrium
+from robot_dynamics.results import DynamicsResult, Equilibrium
 
 __all__ = ["BASE_ROWS", "Base", "Dynamics", "DynamicsResult", "Equilibrium"]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
@@ -75,61 +76,6 @@ class BaseState:
     def true_acceleration(self, acceleration: Array) -> Array:
         """Return accelerations (..., 6) with gravity restored."""
         return acceleration - self.rest_acceleration
-
-
-def require_finite(
-    label: str,
-    values: ArrayLike,
-    size: int,
-    entry_names: str,
-    ignored_columns: Mapping[int, str] | None = None,
-) -> Array:
-    """Return finite floats (..., size).
-
-    Parameters
-    ----------
-    label : name of the values in error messages.
-    values : array_like, shape (..., size)
-    size : length of the last axis.
-    entry_names : description of the entries of the last axis in error messages.
-    ignored_columns : {column: why it takes no value}. Entries there must be 0 or nan, and become 0.
-
-    Raises
-    ------
-    InvalidInputError
-        Values are not numbers, have another shape or are not finite.
-    """
-    try:
-        array = np.asarray(values.filled(np.nan) if isinstance(values, np.ma.MaskedArray) else values)
-    except (TypeError, ValueError):
-        array = np.asarray("ragged")
-    if array.dtype.kind not in "biuf":
-        text = repr(values)
-        text = text if len(text) < 80 else text[:77] + "..."
-        raise InvalidInputError(f"{label}: an array of numbers (..., {size}) is needed, not {text}")
-    array = array.astype(float, copy=False)
-    if array.ndim == 0 or array.shape[-1] != size:
-        raise InvalidInputError(
-            f"{label} has shape {array.shape}: (..., {size}) is needed, one for each of {size} {entry_names}"
-        )
-    if ignored_columns:
-        array = array.copy()
-        for column, reason in ignored_columns.items():
-            _require_empty(label, array[..., column], column, reason)
-            array[..., column] = 0
-    if not np.isfinite(array).all():
-        index = tuple(int(number) for number in np.argwhere(~np.isfinite(array))[0])
-        sample = f" at sample {', '.join(map(str, index[:-1]))}" if len(index) > 1 else ""
-        raise InvalidInputError(f"{label}[{index[-1]}]{sample} is {array[index]}: a finite number is needed")
-    return array
-
-
-def _require_empty(label: str, entries: Array, column: int, reason: str) -> None:
-    """Refuse entries (...) of a column that are neither 0 nor nan."""
-    is_empty = np.isnan(entries) | (entries == 0)
-    if not is_empty.all():
-        value = entries[~is_empty].flat[0]
-        raise InvalidInputError(f"{label}[{column}] is {value:g}: {reason}. Give 0 or nan there")
 
 
 def base_state(robot: Robot, base: Base | None) -> BaseState:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
 from robot_dynamics.dynamics_terms import DynamicsTerms, ModelState
@@ -20,7 +21,7 @@ from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
-from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, broadcast_result, refuse_unbalanced
+from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, refuse_unbalanced
 
 if TYPE_CHECKING:
     from robot_dynamics.constraints.closure_solver import ClosureSolver

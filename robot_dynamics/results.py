@@ -2,18 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, NoReturn, Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from robot_dynamics.array_checks import refuse_overflow
 from robot_dynamics.array_types import Array, BoolArray
-from robot_dynamics.errors import InvalidInputError, SingularModelError
-
-BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
-"""Names of the six components of the twist of a base."""
-
-MIN_INERTIA_RATIO = 1e-14
-"""An inertia below this fraction of the largest inertia beside it is a rounding error."""
+from robot_dynamics.errors import SingularModelError
 
 EQUILIBRIUM_TOLERANCE = 1e-9
 """Residual forces allowed in an equilibrium, as a fraction of the weights, wrenches and spring forces."""
@@ -110,37 +105,11 @@ class ForceResidual(Protocol):
     def scale(self) -> Array: ...
 
 
-def broadcast_result(array: Array, batch: tuple[int, ...], axes: int = 1) -> Array:
-    """Return a new array with the whole batch shape before the last `axes` axes; refuse values that are not finite."""
-    complete = np.array(np.broadcast_to(array, (*batch, *array.shape[array.ndim - axes :])))
-    if not np.isfinite(complete).all():
-        sample = tuple(int(index) for index in np.argwhere(~np.isfinite(complete))[0][: len(batch)])
-        _refuse_overflow(f" at sample {', '.join(map(str, sample))}" if sample else "")
-    return complete
-
-
-def _refuse_overflow(location: str = "") -> NoReturn:
-    raise InvalidInputError(
-        f"the result{location} is not a finite number: an argument, or a number of the robot description, is too large"
-    )
-
-
-def refuse_singular(pivot: Array, scale: Array, name: str) -> None:
-    """Raise SingularModelError where the inertia `pivot` of a joint or base direction is zero beside `scale`."""
-    if np.isnan(pivot).any():
-        _refuse_overflow()
-    if not np.all(pivot > MIN_INERTIA_RATIO * np.abs(scale)):
-        raise SingularModelError(
-            f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
-            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
-        )
-
-
 def refuse_unbalanced(balance: ForceResidual, names: Sequence[str]) -> None:
     """Raise SingularModelError where forces at the joints `names` are not in equilibrium."""
     residual, scale = np.broadcast_arrays(np.atleast_2d(balance.residual), np.atleast_2d(balance.scale))
     if not (np.isfinite(residual).all() and np.isfinite(scale).all()):
-        _refuse_overflow()
+        refuse_overflow()
     ratio = (np.abs(residual) / np.where(scale > 0, scale, 1.0)).reshape(-1, len(names))
     if not (ratio < EQUILIBRIUM_TOLERANCE).all():
         sample, joint = (int(index) for index in np.argwhere(ratio >= EQUILIBRIUM_TOLERANCE)[0])

@@ -129,7 +129,10 @@ def table(package: Package) -> str:
     annotated = len(functions) - len(package.unannotated_functions())
     chain = package.longest_import_chain()
     rows = [
-        ("identifiers with a vague word (told, found, asked, everyone, answer, question)", len(package.vague_identifiers())),
+        (
+            "identifiers with a vague word (told, found, asked, everyone, answer, question)",
+            len(package.vague_identifiers()),
+        ),
         ("public functions and methods with types", f"{annotated} of {len(functions)}"),
         ("public names", len(package.public_names())),
         ("longest chain of imports (modules)", len(chain)),

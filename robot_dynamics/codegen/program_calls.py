@@ -10,7 +10,7 @@ from robot_dynamics.codegen.jit.compiled_models import CompiledModels, ProgramKe
 from robot_dynamics.codegen.trace.models import BASE_ARGUMENTS
 from robot_dynamics.inputs import Base, base_state, common_batch_shape, require_finite
 from robot_dynamics.model.robot import Robot
-from robot_dynamics.results import MIN_INERTIA_RATIO
+from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
 
 
 def evaluate_model(

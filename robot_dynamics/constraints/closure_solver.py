@@ -1,210 +1,302 @@
-"""Where all joints of a robot are, and how they move together: mimic joints told by the others, loops closed."""
+"""Closure solver: positions of all joints from those of the independent ones, with all loops closed.
+
+This module reads positions, solves them in blocks and refuses samples that do not close. The methods are in
+`newton_iteration` (Newton's method), `branch_tracker` (continuation along a branch) and `assembly_modes` (seeds and
+assembly modes).
+"""
 
 import math
 import time
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
+from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+from robot_dynamics.constraints.assembly_modes import solve_closure
+from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+from robot_dynamics.constraints.branch_tracker import BranchTracker, ClosureResult
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE, NEARLY_CLOSED_RESIDUAL, find_widest_loop
+from robot_dynamics.constraints.newton_iteration import newton_step
+from robot_dynamics.constraints.state import ConstrainedState, charted_state_at, state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.inputs import require_finite
+from robot_dynamics.model.robot import Robot
 
-# The least quality of a configuration whose rates mean something. Next to a singular position a deviation δ leaves a
-# residual of δ² only, and the quality is about δ²: this is what positions within CLOSES of one have, and some more.
 MIN_QUALITY = 10 * CLOSURE_TOLERANCE
-BLOCK_SIZE = 2000  # whose loops are closed together: as many as a cache has place for
+"""Least quality of positions whose rates are meaningful. A deviation δ from a singular position leaves a residual of δ²
+only, and the quality is about δ²: positions within CLOSURE_TOLERANCE of a singular one stay below this."""
+BLOCK_SIZE = 2000
+"""Samples whose loops are closed together: as many as fit into a cache."""
+
+
+class StepProgram(Protocol):
+    """A compiled program of the model `closure`, with the results of NewtonStep."""
+
+    def evaluate(self, t: Array, /) -> Sequence[Array]:
+        """At one sample t (m,)."""
+
+    def batch(self, t: Array, /) -> Sequence[Array]:
+        """At samples t (N, m)."""
+
+
+class ProgramSource(Protocol):
+    """Compiles programs in the background, as CompiledModels does."""
+
+    def get_ready(self, model: str, /) -> StepProgram | None:
+        """The program of a model if it is compiled."""
+
+    def record_time(self, seconds: float, model: str, /) -> None:
+        """Record the time [s] spent without the program."""
 
 
 class ClosureSolver:
-    """The Configurations of a robot, from positions as users give them.
+    """Positions and constrained states of a robot, from positions as users pass them.
 
-    independent, dependent: numbers of the joints that are given, and of those that loops place. programs: the
-    CompiledModels that Newton's steps may come from, or None.
+    Users pass positions (..., n) of the independent joints, or with loops positions (..., all joints). Those of
+    dependent joints are then a seed that chooses the assembly mode, nan where unknown.
+
+    Parameters
+    ----------
+    robot : Robot
+    programs : ProgramSource, optional
+        Source of a compiled program for Newton's steps.
+
+    Attributes
+    ----------
+    robot : Robot
+    independent, dependent : list of int
+        Numbers of the independent joints, and of the joints that the loops determine.
     """
 
-    def __init__(self, robot, programs=None):
-        self.robot, self._coupling, self._programs = robot, build_topology(robot), programs
-        self.independent, self.dependent = self._coupling.independent, self._coupling.dependent
+    def __init__(self, robot: Robot, programs: ProgramSource | None = None) -> None:
+        self.robot = robot
+        self._topology = build_topology(robot)
+        self._tracker = BranchTracker(self._topology, partial(newton_step, self._topology))
+        self._programs = programs
+        self.independent = self._topology.independent
+        self.dependent = self._topology.dependent
         self._names = [joint.name for joint in robot.joints]
 
-    def split_positions(self, q):
-        """(q (..., n), seed (..., dependent) or None) of positions (..., n), or with loops of all joints: nan in a seed
-        says nothing of a joint, and no seed nothing of any."""
+    @property
+    def attitudes(self) -> tuple[AttitudeJoints, ...]:
+        """Attitude joints of the platforms that have a chart."""
+        return self._topology.attitudes
+
+    @property
+    def closed_positions(self) -> Array:
+        """(all joints,) positions that close the loops, or the initial positions without loops."""
+        return self._topology.joint_positions(self._topology.reference_positions)
+
+    def close_loops(self, q: ArrayLike, name_sample: bool = True) -> Array:
+        """Positions (..., all joints) of all joints.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n) or (..., all joints)
+        name_sample : bool
+            Whether error messages name the sample.
+
+        Raises
+        ------
+        InvalidInputError
+            Wrong shapes or values.
+        SingularModelError
+            The loops do not close, or are singular.
+        """
+        positions, seed = self._read_positions(q)
+        if not self.robot.loops:
+            return self._topology.joint_positions(positions)
+        batch = positions.shape[:-1]
+        samples = positions.reshape(math.prod(batch), positions.shape[-1])
+        t = np.empty((len(samples), len(self._topology.non_mimic_joints)))
+        for block, result in self._solve_blocks(samples, seed):
+            self._refuse_open(result, block.start, many=name_sample and positions.ndim > 1)
+            t[block] = result.t
+        return self._topology.joint_positions(t).reshape(*batch, len(self._names))
+
+    def try_close_loops(self, q: ArrayLike) -> tuple[Array, BoolArray]:
+        """Positions of all joints, and the samples at which the loops close.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n) or (..., all joints)
+
+        Returns
+        -------
+        positions : ndarray, shape (..., all joints)
+        is_closed : ndarray of bool, shape (...)
+            False where `close_loops` raises SingularModelError.
+        """
+        positions, seed = self._read_positions(q)
+        batch = positions.shape[:-1]
+        samples = positions.reshape(-1, positions.shape[-1])
+        t = np.empty((len(samples), len(self._topology.non_mimic_joints)))
+        is_closed = np.empty(len(samples), dtype=bool)
+        for block, result in self._solve_blocks(samples, seed):
+            t[block] = result.t
+            is_closed[block] = _is_valid(result)
+        return self._topology.joint_positions(t).reshape(*batch, len(self._names)), is_closed.reshape(batch)
+
+    def close_trajectory(self, q: ArrayLike) -> Array:
+        """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints).
+
+        The first sample is closed as by `close_loops`, each other one by continuation from the sample before it.
+        Raises the errors of `close_loops`.
+        """
+        positions, seed = self._read_positions(q)
+        if positions.ndim != 2 or not self.robot.loops:
+            return self.close_loops(positions)
+        samples = [np.zeros((0, len(self._topology.non_mimic_joints)))]
+        with self._ready_tracker() as tracker:
+            for number in range(len(positions)):
+                if number == 0:
+                    result = solve_closure(tracker, positions[:1], None if seed is None else seed[:1])
+                else:
+                    previous = samples[-2] if number > 1 else None
+                    result = tracker.follow_path(samples[-1], positions[number, None], previous_positions=previous)
+                self._refuse_open(result, number, many=True)
+                samples.append(result.t)
+        return self._topology.joint_positions(np.concatenate(samples))
+
+    def continue_branch(self, q: ArrayLike, previous: ArrayLike, velocities: ArrayLike | None = None) -> Array:
+        """Positions of all joints on the branch of previous positions.
+
+        Parameters
+        ----------
+        q : array_like, shape (..., n)
+        previous : array_like, shape (..., all joints)
+            Positions that close the loops, near those sought.
+        velocities : array_like, shape (..., all joints), optional
+            Velocities at `previous`, by default along the tangent.
+
+        Returns
+        -------
+        ndarray, shape (..., all joints)
+
+        Raises
+        ------
+        InvalidInputError
+            Wrong shapes or values.
+        SingularModelError
+            The loops do not close, are singular, or the branch bends.
+        """
+        positions = require_finite("positions", q, len(self.independent), self._describe_joints(self.independent))
+        all_joints = len(self._names), self._describe_joints(range(len(self._names)))
+        start = require_finite("previous", previous, *all_joints)
+        rates = start[..., :0] if velocities is None else require_finite("velocities", velocities, *all_joints)
+        if not self.robot.loops:
+            return self.close_loops(positions)
+        batch = np.broadcast_shapes(positions.shape[:-1], start.shape[:-1], rates.shape[:-1])
+        samples = [
+            np.broadcast_to(array, (*batch, array.shape[-1])).reshape(math.prod(batch), array.shape[-1])
+            for array in (positions, start, rates)
+        ]
+        with self._ready_tracker() as tracker:
+            result = tracker.continue_branch(*samples)
+            self._refuse_open(result, many=bool(batch))
+        return self._topology.joint_positions(result.t).reshape(*batch, len(self._names))
+
+    def state_at(self, q: ArrayLike, name_sample: bool = True, use_charts: bool = True) -> ConstrainedState:
+        """The ConstrainedState at positions as `close_loops` takes them; use_charts as for `state_at_closed`."""
+        return self.state_at_closed(self.close_loops(q, name_sample), use_charts)
+
+    def state_at_closed(self, q: Array, use_charts: bool = True) -> ConstrainedState:
+        """The ConstrainedState at positions (..., all joints) that close the loops.
+
+        use_charts: whether rates of platforms are those of the charts of their attitudes, or of yaw, pitch and roll.
+        """
+        with np.errstate(all="ignore"):
+            return charted_state_at(self._topology, q) if use_charts else state_at(self._topology, q)
+
+    def _read_positions(self, q: ArrayLike) -> tuple[Array, Array | None]:
+        """Positions (..., n) of the independent joints, and the seed (..., dependent), None without a seed."""
+        joints = self._describe_joints(self.independent)
         if self.robot.loops:
             try:
-                everyone = np.array(q, dtype=float)
+                all_positions = np.array(q, dtype=float)
             except (TypeError, ValueError):
-                everyone = np.zeros(0)  # refused below
-            if everyone.ndim and everyone.shape[-1] == len(self._names):
-                return self._with_seed(everyone)
-        names = ", ".join(self._names[number] for number in self.independent)
-        joints = f"joints ({names})"
-        if self.robot.loops:
+                all_positions = np.zeros(0)  # refused below
+            if all_positions.ndim and all_positions.shape[-1] == len(self._names):
+                return self._split_seed(all_positions)
             joints += f", or (..., {len(self._names)}), one for each of all joints ({', '.join(self._names)})"
         return require_finite("positions", q, len(self.independent), joints), None
 
-    def _with_seed(self, q):
-        """Positions of all joints, in which nan may stand for those that loops place."""
+    def _split_seed(self, q: Array) -> tuple[Array, Array | None]:
+        """`_read_positions` of positions of all joints, with nan where those of dependent joints are unknown."""
         seed = q[..., self.dependent]
-        open_ = np.isnan(seed)
-        q[..., self.dependent] = np.where(open_, 0.0, seed)
-        q = require_finite("positions", q, len(self._names), f"joints ({', '.join(self._names)})")
-        return q[..., self.independent], None if open_.all() else seed
+        is_unknown = np.isnan(seed)
+        q[..., self.dependent] = np.where(is_unknown, 0.0, seed)
+        q = require_finite("positions", q, len(self._names), self._describe_joints(range(len(self._names))))
+        return q[..., self.independent], None if is_unknown.all() else seed
 
-    def close_loops(self, q, name_sample=True):
-        """Positions (..., all joints) of all joints, from those that `checked` takes.
+    def _describe_joints(self, numbers: Sequence[int]) -> str:
+        return f"joints ({', '.join(self._names[number] for number in numbers)})"
 
-        numbered: whether a refusal says which sample is meant. Raises SingularModelError where the loops do not close,
-        or are singular.
-        """
-        q, seed = self.split_positions(q)
-        if not self.robot.loops:
-            return q @ self._coupling.S.T + self._coupling.offset
-        batch = q.shape[:-1]
-        samples = q.reshape(math.prod(batch), q.shape[-1])
-        t = np.empty((len(samples), len(self._coupling.non_mimic_joints)))
-        for block, found in self._blocks(samples, seed):
-            self._refuse_open(found, block.start, many=name_sample and q.ndim > 1)
-            t[block] = found.t
-        return self._everyone(t).reshape(*batch, len(self._names))
-
-    def try_close_loops(self, q):
-        """(positions (..., all joints), closed (...)): as `closed`, but of those samples at which the loops do not
-        close, or are singular, it is told and nothing raised."""
-        q, seed = self.split_positions(q)
-        batch, samples = q.shape[:-1], q.reshape(-1, q.shape[-1])
-        t, good = np.empty((len(samples), len(self._coupling.non_mimic_joints))), np.empty(len(samples), dtype=bool)
-        for block, found in self._blocks(samples, seed):
-            t[block], good[block] = (
-                found.t,
-                found.is_closed & (found.quality > MIN_QUALITY) & ~found.has_crossed_singularity,
-            )
-        return self._everyone(t).reshape(*batch, len(self._names)), good.reshape(batch)
-
-    def _blocks(self, samples, seed):
-        """(slice, Closed) of one block of samples (N, n) after the other, with a seed (..., dependent) or None."""
+    def _solve_blocks(self, samples: Array, seed: Array | None) -> Iterator[tuple[slice, ClosureResult]]:
+        """Solve samples (N, n) block by block, with a seed (..., dependent) or None."""
         seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         for first in range(0, len(samples), BLOCK_SIZE):
             block = slice(first, first + BLOCK_SIZE)
-            with self._steps() as step:  # left before the block is handed out: what it sets is no caller's business
-                found = self._coupling.solve_closure(samples[block], None if seeds is None else seeds[block], step)
-            yield block, found
-
-    def close_trajectory(self, q):
-        """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints): each sample is closed from the one
-        before it, the first as by `closed`."""
-        q, seed = self.split_positions(q)
-        if q.ndim != 2 or not self.robot.loops:
-            return self.close_loops(q)
-        found = []
-        with self._steps() as step:
-            for sample in range(len(q)):
-                if sample:
-                    previous_positions = found[-2] if sample > 1 else None
-                    closed = self._coupling.follow_path(
-                        found[-1], q[sample, None], step, previous_positions=previous_positions
-                    )
-                else:
-                    closed = self._coupling.solve_closure(q[:1], None if seed is None else seed[:1], step)
-                self._refuse_open(closed, sample, many=True)
-                found.append(closed.t)
-        return self._everyone(np.concatenate(found or [np.zeros((0, len(self._coupling.non_mimic_joints)))]))
-
-    def continue_branch(self, q, previous, velocities=None):
-        """Positions (..., all joints) for q (..., n), on the branch that leads there from positions near them.
-
-        previous: (..., all joints) positions that close the loops; velocities: (..., all joints) there, None where the
-        tangent shows where they lead. Raises SingularModelError as `closed`, and where the branch bends.
-        """
-        names = ", ".join(self._names[number] for number in self.independent)
-        q = require_finite("positions", q, len(self.independent), f"joints ({names})")
-        everyone = len(self._names), f"joints ({', '.join(self._names)})"
-        previous = require_finite("previous", previous, *everyone)
-        velocities = previous[..., :0] if velocities is None else require_finite("velocities", velocities, *everyone)
-        if not self.robot.loops:
-            return self.close_loops(q)
-        batch = np.broadcast_shapes(q.shape[:-1], previous.shape[:-1], velocities.shape[:-1])
-        samples = [np.broadcast_to(array, (*batch, array.shape[-1])).reshape(math.prod(batch), array.shape[-1])
-                   for array in (q, previous, velocities)]  # fmt: skip
-        with self._steps() as step:
-            closed = self._coupling.continue_branch(*samples, step)
-            self._refuse_open(closed, many=bool(batch))
-        return self._everyone(closed.t).reshape(*batch, len(self._names))
-
-    @property
-    def attitudes(self):
-        """The Attitudes of platforms that have a chart."""
-        return self._coupling.attitudes
-
-    @property
-    def closed_positions(self):
-        """(all joints,) positions that close the loops, or the initial ones where there are none."""
-        start = np.array([self.robot.joints[number].initial_position for number in self._coupling.non_mimic_joints])
-        return self._everyone(
-            start if self._coupling.reference_positions is None else self._coupling.reference_positions
-        )
-
-    def _everyone(self, t):
-        return t @ self._coupling.S.T + self._coupling.offset
+            with self._ready_tracker() as tracker:  # ends before the yield: the caller keeps its NumPy error state
+                result = solve_closure(tracker, samples[block], None if seeds is None else seeds[block])
+            yield block, result
 
     @contextmanager
-    def _steps(self):
-        """What computes Newton's steps: a program where it is ready, else None, and then how long it takes is noted."""
+    def _ready_tracker(self) -> Iterator[BranchTracker]:
+        """A BranchTracker with the compiled program if it is ready. Else the time spent is recorded."""
         program = None if self._programs is None else self._programs.get_ready("closure")
         started = time.perf_counter()
-        with np.errstate(all="ignore"):  # what does not close is refused
-            yield None if program is None else partial(_closing_step, program)
+        with np.errstate(all="ignore"):  # samples that do not close are refused
+            if program is None:
+                yield self._tracker
+            else:
+                yield BranchTracker(self._topology, partial(_evaluate_program, program))
         if program is None and self._programs is not None:
             self._programs.record_time(time.perf_counter() - started, "closure")
 
-    def state_at(self, q, name_sample=True, use_charts=True):
-        """The Configuration at positions that `checked` takes. numbered: as for `closed`, in_charts: for `of_all`."""
-        return self.state_at_closed(self.close_loops(q, name_sample), use_charts)
-
-    def state_at_closed(self, q, use_charts=True):
-        """The Configuration at positions (..., all joints) that are known to close the loops.
-
-        in_charts: whether platforms move in charts of their attitudes, and not by rates of yaw, pitch and roll.
-        """
-        with np.errstate(all="ignore"):
-            return self._coupling.charted_state_at(q) if use_charts else self._coupling.state_at(q)
-
-    def _refuse_open(self, found, first=0, many=False):
+    def _refuse_open(self, result: ClosureResult, first: int = 0, many: bool = False) -> None:
         """Raise SingularModelError for the first sample whose loops are open or singular.
 
-        found: Closed; first: what the first sample is called, where there are many.
+        first: number of the first sample in messages; many: whether they name the sample.
         """
-        good = found.is_closed & (found.quality > MIN_QUALITY) & ~found.has_crossed_singularity
-        if good.all():
+        is_valid = _is_valid(result)
+        if is_valid.all():
             return
-        sample, left = np.argmin(good), np.abs(found.residual).max(axis=-1)
-        where = f" at sample {first + sample}" if many else ""
+        sample = int(np.argmin(is_valid))
+        residual = float(np.abs(result.residual[sample]).max())
+        location = f" at sample {first + sample}" if many else ""
         with np.errstate(all="ignore"):
-            condition = f"(condition number {self._coupling.condition_number(found.t[sample]):.3g})"
-            name, distance, angle = find_widest_loop(self.robot, found.residual[sample])
-        if not left[sample] <= CLOSURE_TOLERANCE:
+            condition = f"(condition number {self._topology.condition_number(result.t[sample]):.3g})"
+            name, distance, angle = find_widest_loop(self.robot, result.residual[sample])
+        if not residual <= CLOSURE_TOLERANCE:
             hint = ". These positions are out of reach, or need a seed of all joints nearer to where it closes"
-            if left[sample] < NEARLY_CLOSED_RESIDUAL:
+            if residual < NEARLY_CLOSED_RESIDUAL:
                 hint = "; if it is meant to close there, its axes or lengths are not exact"
             raise SingularModelError(
-                f"loop {name!r} does not close{where}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
+                f"loop {name!r} does not close{location}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
                 f"{condition}{hint}"
             )
-        if not found.quality[sample] > MIN_QUALITY:
-            placed = ", ".join(self._names[number] for number in self.dependent)
+        if not result.quality[sample] > MIN_QUALITY:
+            dependent = ", ".join(self._names[number] for number in self.dependent)
             raise SingularModelError(
-                f"loop {name!r} is singular{where}: it closes (residual {left[sample]:.2g}), but does not tell where "
-                f"{placed} are {condition}"
+                f"loop {name!r} is singular{location}: it closes (residual {residual:.2g}), but does not determine "
+                f"{dependent} {condition}"
             )
         raise SingularModelError(
-            f"the loops close{where} in another assembly mode than at the initial positions {condition}: a singular "
-            "position lies between, or nearly. Give the positions of all joints, near those that are meant"
+            f"the loops close{location} in another assembly mode than at the initial positions {condition}: a singular "
+            "position lies between, or nearly. Give the positions of all joints, near the intended ones"
         )
 
 
-def _closing_step(program, t):
-    """What the program of the model `closure` gives at t, one sample (m,) or many (N, m)."""
+def _is_valid(result: ClosureResult) -> BoolArray:
+    """(N,) whether the loops are closed, regular, and in the assembly mode that was sought."""
+    return result.is_closed & (result.quality > MIN_QUALITY) & ~result.has_crossed_singularity
+
+
+def _evaluate_program(program: StepProgram, t: Array) -> Sequence[Array]:
+    """Results of the program at one sample (m,) or many (N, m)."""
     return program.evaluate(t) if t.ndim == 1 else program.batch(t)

@@ -1,84 +1,97 @@
-"""Least squares over generic scalars and batches, no branch on values: a matrix as reflections and a triangle.
+"""Least squares over generic scalars and batches, without branches on values: Householder reflections and triangles.
 
-Where blocks of rows have columns of their own, as loops have joints that no other loop has, each block is reflected by
-itself, and of the columns that blocks share only what is normal to these columns goes on: so the legs of a parallel
-robot are eliminated one by one, and what is left for the platform is small.
+Where blocks of rows have columns of their own, as loops have joints that no other loop has, each block is factorized by
+itself. Of the columns that blocks share only the part normal to these columns remains: so the legs of a parallel robot
+are eliminated one by one, and the system that remains for the platform is small.
 
 Right sides are matrices (..., m, k) or (..., n, k), solved column by column.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import IntArray, ScalarArray
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.screw import concatenate_vectors, dot, stack_matrices, stack_vectors
 
-_recorded_root = np.frompyfunc(lambda scalar: scalar.sqrt() if hasattr(scalar, "sqrt") else np.sqrt(scalar), 1, 1)
+_symbolic_root = np.frompyfunc(lambda scalar: scalar.sqrt() if hasattr(scalar, "sqrt") else np.sqrt(scalar), 1, 1)
 
 
 class HouseholderFactors(NamedTuple):
-    """A matrix (..., m, n), m not less than n, as H_1 ... H_n [R; 0], R a triangle (Householder).
+    """A matrix (..., m, n), m not less than n, as H_1 ... H_n [R; 0] with a triangle R.
 
-    H_j is 1 - share v vᵀ on the rows from j on. normals: list of v (..., m - j), of which the first entry is 1; shares:
-    list of (..., 1); triangle: list of the rows of R (..., n - j), the diagonal first.
+    H_j is 1 - scale v vᵀ on the rows from j on.
+
+    Attributes
+    ----------
+    vectors : list of ndarray
+        v (..., m - j), of which the first entry is 1.
+    scales : list of ndarray
+        (..., 1), as LAPACK's tau.
+    triangle : list of ndarray
+        Rows of R (..., n - j), the diagonal first.
     """
 
-    vectors: list
-    scales: list
-    triangle: list
+    vectors: list[ScalarArray]
+    scales: list[ScalarArray]
+    triangle: list[ScalarArray]
 
 
-def factor_householder(matrix):
-    """The Reflections of a matrix (..., m, n)."""
-    vectors, shares, triangle = [], [], []
+def factor_householder(matrix: ScalarArray) -> HouseholderFactors:
+    """HouseholderFactors of a matrix (..., m, n)."""
+    factors = HouseholderFactors([], [], [])
     for _ in range(matrix.shape[-1]):
-        normal, share, diagonal = _reflection(matrix[..., 0])
-        others = _reflected(normal, share, matrix[..., 1:])
-        vectors.append(normal)
-        shares.append(share)
-        triangle.append(np.concatenate([diagonal, others[..., 0, :]], axis=-1))
-        matrix = others[..., 1:, :]
-    return HouseholderFactors(vectors, shares, triangle)
+        vector, scale, diagonal = _reflection(matrix[..., 0])
+        reflected = _reflect(vector, scale, matrix[..., 1:])
+        factors.vectors.append(vector)
+        factors.scales.append(scale)
+        factors.triangle.append(np.concatenate([diagonal, reflected[..., 0, :]], axis=-1))
+        matrix = reflected[..., 1:, :]
+    return factors
 
 
-def _reflection(x):
-    """(v, share, entry (..., 1)): of the reflection that leaves of x (..., r) its first entry alone."""
+def _reflection(x: ScalarArray) -> tuple[ScalarArray, ScalarArray, ScalarArray]:
+    """(v, scale, entry (..., 1)) of the reflection that maps x (..., r) to a vector with the first entry alone."""
     first = x[..., :1]
     if x.shape[-1] == 1:
         return np.ones(1, dtype=int), np.zeros(1, dtype=int), first
-    # away from x, so that nothing cancels; of 0 the sign is 1
-    entry = -signs(signs(first) + 0.5) * _root(dot(x, x))
+    # the sign opposite to that of x avoids cancellation; the sign of 0 is 1
+    entry = -signs(signs(first) + 0.5) * _square_root(dot(x, x))
     tail = x[..., 1:] * (1 / (first - entry))
     return np.concatenate([np.ones_like(first), tail], axis=-1), 1 - first * (1 / entry), entry
 
 
-def _reflected(normal, share, matrix):
+def _reflect(vector: ScalarArray, scale: ScalarArray, matrix: ScalarArray) -> ScalarArray:
     """H matrix (..., r, k)."""
-    row = share[..., None] * (normal[..., None, :] @ matrix)
-    return matrix - normal[..., None] * row
+    row = scale[..., None] * (vector[..., None, :] @ matrix)
+    reflected: ScalarArray = matrix - vector[..., None] * row
+    return reflected
 
 
-def _turned(factors, matrix):
+def _apply_reflections(factors: HouseholderFactors, matrix: ScalarArray) -> list[ScalarArray]:
     """H_n ... H_1 matrix (..., m, k): the first n of its rows, a list of (..., k)."""
-    rows = []
-    for normal, share in zip(factors.vectors, factors.scales, strict=True):
-        matrix = _reflected(normal, share, matrix)
+    rows: list[ScalarArray] = []
+    for vector, scale in zip(factors.vectors, factors.scales, strict=True):
+        matrix = _reflect(vector, scale, matrix)
         rows.append(matrix[..., 0, :])
         matrix = matrix[..., 1:, :]
     return rows
 
 
-def _turned_back(factors, rows, rest):
-    """H_1 ... H_n [rows; rest] (..., m, k), for a list of n rows (..., k) and (..., m - n, k)."""
-    for normal, share, row in zip(*map(reversed, (factors.vectors, factors.scales, rows)), strict=True):
-        rest = _reflected(normal, share, stack_matrices([row[..., None, :], rest]))
+def _apply_reflections_transposed(
+    factors: HouseholderFactors, rows: Sequence[ScalarArray], rest: ScalarArray
+) -> ScalarArray:
+    """H_1 ... H_n [rows; rest] (..., m, k), for a list of n rows (..., k) and rest (..., m - n, k)."""
+    for vector, scale, row in zip(*map(reversed, (factors.vectors, factors.scales, rows)), strict=True):
+        rest = _reflect(vector, scale, stack_matrices([row[..., None, :], rest]))
     return rest
 
 
-def _solved(factors, right_side):
+def _solve_triangle(factors: HouseholderFactors, right_side: ScalarArray) -> ScalarArray:
     """x (..., n, k) with the least |matrix x - right_side|."""
-    x = _turned(factors, right_side)
+    x = _apply_reflections(factors, right_side)
     for j in reversed(range(len(x))):
         row = factors.triangle[j]
         known = sum(row[..., i - j, None] * x[i] for i in range(j + 1, len(x)))
@@ -86,105 +99,138 @@ def _solved(factors, right_side):
     return stack_vectors(x) if x else np.zeros((0, right_side.shape[-1]), dtype=int)
 
 
-def _solved_transposed(factors, right_side, size):
+def _solve_triangle_transposed(factors: HouseholderFactors, right_side: ScalarArray, size: int) -> ScalarArray:
     """y (..., m, k) of least length with matrixᵀ y = right_side (..., n, k), m the size."""
-    y = []
+    y: list[ScalarArray] = []
     for j in range(len(factors.triangle)):
         known = sum(factors.triangle[i][..., j - i, None] * y[i] for i in range(j))
         y.append((right_side[..., j, :] - known) * (1 / factors.triangle[j][..., :1]))
-    return _turned_back(factors, y, np.zeros((size - len(y), right_side.shape[-1]), dtype=int))
+    zeros = np.zeros((size - len(y), right_side.shape[-1]), dtype=int)
+    return _apply_reflections_transposed(factors, y, zeros)
 
 
-def _complement(factors, size):
-    """(..., m, m - n): columns of length 1 that are normal to those of the matrix and to each other, m the size."""
-    normal = size - len(factors.vectors)
-    return _turned_back(factors, [np.zeros(normal, dtype=int)] * len(factors.vectors), np.eye(normal, dtype=int))
+def _complement(factors: HouseholderFactors, size: int) -> ScalarArray:
+    """(..., m, m - n) orthonormal columns that are normal to those of the matrix, m the size."""
+    count = size - len(factors.vectors)
+    zeros = [np.zeros(count, dtype=int)] * len(factors.vectors)
+    return _apply_reflections_transposed(factors, zeros, np.eye(count, dtype=int))
 
 
 class Partition(NamedTuple):
-    """Blocks of rows of a matrix (..., m, n), one after the other, as `partition` makes it.
+    """Blocks of rows of a matrix (..., m, n), one below the other.
 
-    rows: the slice of each block; columns: of each, numbers of the columns that are zero in all other rows; border:
-    numbers of the columns that blocks share; order: where each column stands among the former, block by block, and the
-    border after them.
+    Attributes
+    ----------
+    rows : sequence of slice
+        Rows of each block.
+    columns : sequence of ndarray of int
+        Columns of each block that are zero in all other rows.
+    border : ndarray of int
+        Columns that blocks share.
+    order : ndarray of int
+        Index of each column in the list of `columns`, block by block, followed by `border`.
     """
 
-    rows: list
-    columns: list
-    border: np.ndarray
-    order: np.ndarray
+    rows: Sequence[slice]
+    columns: Sequence[IntArray]
+    border: IntArray
+    order: IntArray
 
 
-def partition(rows, columns, size):
-    """The Partition of matrices of so many columns."""
+def partition(rows: Sequence[slice], columns: Sequence[IntArray], size: int) -> Partition:
+    """The Partition of matrices with `size` columns."""
     own = np.concatenate(columns)
     border = np.setdiff1d(np.arange(size), own)
     return Partition(rows, columns, border, np.argsort(np.concatenate([own, border])))
 
 
 class Block(NamedTuple):
-    """own: the Reflections of a block's own columns; normal: (..., rows, rows - columns) what is normal to them, none
-    where there is no border; shared: (..., rows, border) its part of the border."""
+    """Factors of one block of rows.
+
+    Attributes
+    ----------
+    own : HouseholderFactors
+        Of the block's own columns.
+    normal : ndarray, shape (..., rows, rows - columns)
+        Orthonormal complement of these columns, empty without a border.
+    shared : ndarray, shape (..., rows, border)
+        Columns of the border.
+    """
 
     own: HouseholderFactors
-    normal: np.ndarray
-    shared: np.ndarray
+    normal: ScalarArray
+    shared: ScalarArray
 
-    def in_complement(self, part):
-        """What is normal to the block's own columns, of rows (..., rows, k)."""
-        return np.swapaxes(self.normal, -1, -2) @ part
+    def project_onto_complement(self, part: ScalarArray) -> ScalarArray:
+        """Part of rows (..., rows, k) that is normal to the block's own columns."""
+        projected: ScalarArray = np.swapaxes(self.normal, -1, -2) @ part
+        return projected
 
 
 class BorderedFactors(NamedTuple):
-    """A matrix (..., m, n) with a Partition.
+    """Factors of a matrix (..., m, n) with a Partition.
 
-    blocks: list of Block; inner: the Reflections of what the border has that is normal to the blocks' own columns.
-    pivots, lengths: (..., n), the square of what each column has besides those of its block before it, one of the
-    border besides those of all blocks and of the border before it; and of its own length: the columns depend on each
-    other where a pivot is rounding beside its length.
+    Attributes
+    ----------
+    partition : Partition
+    blocks : list of Block
+    inner : HouseholderFactors
+        Of the part of the border that is normal to the blocks' own columns.
+    pivots : ndarray, shape (..., n)
+        Squared length of each column's part that is normal to the columns before it: those of its block, or for the
+        border those of all blocks and of the border.
+    squared_norms : ndarray, shape (..., n)
+        Squared length of each column. Columns depend on each other where a pivot is rounding beside it.
     """
 
     partition: Partition
-    blocks: list
+    blocks: list[Block]
     inner: HouseholderFactors
-    pivots: np.ndarray
-    squared_norms: np.ndarray
+    pivots: ScalarArray
+    squared_norms: ScalarArray
 
 
-def factor_bordered(matrix, partition):
-    """The Bordered form of a matrix (..., m, n) that has this Partition."""
-    blocks = []
+def factor_bordered(matrix: ScalarArray, partition: Partition) -> BorderedFactors:
+    """BorderedFactors of a matrix (..., m, n) that has this Partition."""
+    blocks: list[Block] = []
     for rows, columns in zip(partition.rows, partition.columns, strict=True):
         part = matrix[..., rows, :]
-        own, size = factor_householder(part[..., columns]), part.shape[-2]
+        own = factor_householder(part[..., columns])
+        size = part.shape[-2]
         normal = _complement(own, size) if len(partition.border) else np.zeros((size, 0), dtype=int)
         blocks.append(Block(own, normal, part[..., partition.border]))
-    inner = factor_householder(stack_matrices([block.in_complement(block.shared) for block in blocks]))
+    inner = factor_householder(stack_matrices([block.project_onto_complement(block.shared) for block in blocks]))
     triangles = [*(block.own.triangle for block in blocks), inner.triangle]
     pivots = concatenate_vectors([row[..., :1] * row[..., :1] for triangle in triangles for row in triangle])
-    return BorderedFactors(partition, blocks, inner, pivots[..., partition.order], (matrix * matrix).sum(axis=-2))
+    squared_norms: ScalarArray = (matrix * matrix).sum(axis=-2)
+    return BorderedFactors(partition, blocks, inner, pivots[..., partition.order], squared_norms)
 
 
-def least_squares(factors, right_side):
-    """x (..., n, k) with the least |matrix x - right_side|, for a Bordered matrix and (..., m, k)."""
+def least_squares(factors: BorderedFactors, right_side: ScalarArray) -> ScalarArray:
+    """x (..., n, k) with the least |matrix x - right_side|, for right_side (..., m, k)."""
     partition, blocks, inner, _, _ = factors
     parts = [right_side[..., rows, :] for rows in partition.rows]
-    z = _solved(inner, stack_matrices([block.in_complement(part) for block, part in zip(blocks, parts, strict=True)]))
-    own = [_solved(block.own, part - block.shared @ z) for block, part in zip(blocks, parts, strict=True)]
+    complements = [block.project_onto_complement(part) for block, part in zip(blocks, parts, strict=True)]
+    z = _solve_triangle(inner, stack_matrices(complements))
+    own = [_solve_triangle(block.own, part - block.shared @ z) for block, part in zip(blocks, parts, strict=True)]
     return stack_matrices([*own, z])[..., partition.order, :]
 
 
-def least_norm(factors, right_side):
-    """y (..., m, k) of least length with matrixᵀ y = right_side (..., n, k), for a Bordered matrix."""
+def least_norm(factors: BorderedFactors, right_side: ScalarArray) -> ScalarArray:
+    """y (..., m, k) of least length with matrixᵀ y = right_side (..., n, k)."""
     partition, blocks, inner, _, _ = factors
-    own, left = [], right_side[..., partition.border, :]
+    own: list[ScalarArray] = []
+    remainder = right_side[..., partition.border, :]
     for block, columns in zip(blocks, partition.columns, strict=True):
-        own.append(_solved_transposed(block.own, right_side[..., columns, :], block.normal.shape[-2]))
-        left = left - np.swapaxes(block.shared, -1, -2) @ own[-1]
+        y = _solve_triangle_transposed(block.own, right_side[..., columns, :], block.normal.shape[-2])
+        own.append(y)
+        remainder = remainder - np.swapaxes(block.shared, -1, -2) @ y
     ends = np.cumsum([block.normal.shape[-1] for block in blocks])
-    shares = np.split(_solved_transposed(inner, left, ends[-1]), ends[:-1], axis=-2)
-    return stack_matrices([y + block.normal @ share for y, block, share in zip(own, blocks, shares, strict=True)])
+    inner_parts = np.split(_solve_triangle_transposed(inner, remainder, ends[-1]), ends[:-1], axis=-2)
+    return stack_matrices([y + block.normal @ part for y, block, part in zip(own, blocks, inner_parts, strict=True)])
 
 
-def _root(squares):
-    return np.sqrt(squares) if np.asarray(squares).dtype != object else _recorded_root(squares)
+def _square_root(squares: ScalarArray) -> ScalarArray:
+    """Square roots of numbers or symbols."""
+    roots: ScalarArray = np.sqrt(squares) if np.asarray(squares).dtype != object else _symbolic_root(squares)
+    return roots

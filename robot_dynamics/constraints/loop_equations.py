@@ -1,10 +1,10 @@
-"""What closes a loop: frame k and frame k+B coincide, and so do their velocities and accelerations.
+"""Loop equations: frames k and k+B coincide, and so do their velocities and accelerations.
 
     residual e(q) = 0,   J q̇ = 0,   J q̈ + J̇ q̇ = 0
 
-Each loop gives six rows, [position; rotation] of frame k relative to frame k+B in the axes of the link where its two
-chains part; a ball joint three, of the position. Positions are counted in units of the robot's characteristic_length,
-so that metres and radians compare. How the link where the chains part moves has no part in it.
+Each loop has six rows, [position; rotation] of frame k relative to frame k+B in the axes of the link where its two
+chains part; a loop cut at a spherical joint has three rows, of the position. Positions are divided by the robot's
+characteristic_length, so that metres and radians compare. The motion of the link where the chains part has no effect.
 
 For a rotation by an angle φ about the unit vector u the residual is 2 tan(φ/2) u: its derivative is the angular
 velocity where φ is small, and it has no other zero.
@@ -12,124 +12,167 @@ velocity where φ is small, and it has no other zero.
 Source: Khalil, section 2.2.
 """
 
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ScalarArray
+from robot_dynamics.model.loop import LoopEnd
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.augmented import AngularMotion
 from robot_dynamics.newton_euler.kinematics import joint_placement, link_placements
 from robot_dynamics.newton_euler.screw import apply, cross, screw, stack_matrices, wrench_to_antecedent
 
 
 class LoopEquations(NamedTuple):
-    """residual (..., m); jacobian J (..., m, joints); drift J̇q̇ (..., m), zero where no velocities are given.
+    """Loop equations of a robot.
 
-    J and the drift mean what they say where the residual is zero.
+    Attributes
+    ----------
+    residual : ndarray, shape (..., rows)
+    jacobian : ndarray, shape (..., rows, joints)
+        J. Valid where the residual is zero, as is the drift.
+    drift : ndarray, shape (..., rows)
+        J̇q̇, zero without velocities.
     """
 
-    residual: np.ndarray
-    jacobian: np.ndarray
-    drift: np.ndarray
+    residual: ScalarArray
+    jacobian: ScalarArray
+    drift: ScalarArray
 
 
-class _Arm(NamedTuple):
-    """A chain from the link where two part to one end: the end's R (..., 3, 3) and P (..., 3); columns of the Jacobian
-    of its twist (..., 6) by joint number; drift: its acceleration (..., 6) with no joint accelerated."""
+class _Chain(NamedTuple):
+    """A chain from the link where two chains part to one end.
 
-    R: np.ndarray
-    P: np.ndarray
-    columns: dict
-    drift: np.ndarray
+    R (..., 3, 3) and P (..., 3) of the end; columns (..., 6) of the Jacobian of its twist by joint number; drift: its
+    acceleration (..., 6) without joint accelerations.
+    """
+
+    R: ScalarArray
+    P: ScalarArray
+    columns: dict[int, ScalarArray]
+    drift: ScalarArray
 
 
-def equations_per_loop(robot):
-    """How many equations each loop has."""
+def equations_per_loop(robot: Robot) -> list[int]:
+    """Number of equations of each loop."""
     return [3 if loop.is_spherical else 6 for loop in robot.loops]
 
 
-def loop_equations(robot, q, qd=None):
-    """The LoopEquations of all loops, at joint positions q and velocities qd (..., joints)."""
-    unit = robot.characteristic_length
-    residuals, jacobians, drifts = [], [], []
-    for loop in robot.loops:
-        moved, closed_on = (set(robot.path_to_base(end.link)) for end in loop.ends)
-        arms = [_arm(robot, sorted(way), end, q, qd)
-                for way, end in ((moved - closed_on, loop.moved), (closed_on - moved, loop.closed_on))]  # fmt: skip
-        rows = 3 if loop.is_spherical else 6
-        scale = np.array([1 / unit] * 3 + [1] * 3)[:rows]
-        residuals.append(_residual(*arms, loop.is_spherical) * scale)
-        jacobians.append(_jacobian(*arms, len(robot.joints))[..., :rows, :] * scale[:, None])
-        drifts.append((arms[0].drift - arms[1].drift)[..., :rows] * scale)
-    # vectors as matrices of one column, to be stacked like them
-    residual, drift = (stack_matrices([rows[..., None] for rows in parts])[..., 0] for parts in (residuals, drifts))
-    return LoopEquations(residual, stack_matrices(jacobians), drift)
+def loop_equations(robot: Robot, q: ScalarArray, qd: ScalarArray | None = None) -> LoopEquations:
+    """LoopEquations of all loops.
 
-
-def loop_wrenches(robot, q, multipliers):
-    """(link number, wrench (..., 6) on it, in its frame at its origin) of both ends of each loop.
-
-    multipliers: (..., m), one with each row of J, so that Jᵀ multipliers are the joint forces that the loops exert.
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (..., joints)
+        Joint positions.
+    qd : ndarray, shape (..., joints), optional
+        Joint velocities, which only the drift depends on.
     """
-    placed, start = link_placements(robot, q), 0
+    length = robot.characteristic_length
+    residuals: list[ScalarArray] = []
+    jacobians: list[ScalarArray] = []
+    drifts: list[ScalarArray] = []
+    for loop in robot.loops:
+        moved_path, closed_on_path = (set(robot.path_to_base(end.link)) for end in loop.ends)
+        moved = _chain(robot, sorted(moved_path - closed_on_path), loop.moved, q, qd)
+        closed_on = _chain(robot, sorted(closed_on_path - moved_path), loop.closed_on, q, qd)
+        rows = 3 if loop.is_spherical else 6
+        scale = np.array([1 / length] * 3 + [1] * 3)[:rows]
+        residuals.append(_residual(moved, closed_on, loop.is_spherical) * scale)
+        jacobians.append(_jacobian(moved, closed_on, len(robot.joints))[..., :rows, :] * scale[:, None])
+        drifts.append((moved.drift - closed_on.drift)[..., :rows] * scale)
+    return LoopEquations(_concatenate(residuals), stack_matrices(jacobians), _concatenate(drifts))
+
+
+def _concatenate(vectors: Sequence[ScalarArray]) -> ScalarArray:
+    """Concatenate vectors (..., rows) as matrices of one column."""
+    return stack_matrices([vector[..., None] for vector in vectors])[..., 0]
+
+
+def loop_wrenches(robot: Robot, q: Array, multipliers: Array) -> Iterator[tuple[int, Array]]:
+    """Wrenches that the loops exert on the links at their ends.
+
+    Parameters
+    ----------
+    robot : Robot
+    q : ndarray, shape (..., joints)
+    multipliers : ndarray, shape (..., rows)
+        One for each row of J: Jᵀ multipliers are the joint forces that the loops exert.
+
+    Yields
+    ------
+    (int, ndarray)
+        Link number, and the wrench (..., 6) on the link, in its frame at its origin.
+    """
+    placements = link_placements(robot, q)
+    first_row = 0
     scale = np.array([1 / robot.characteristic_length] * 3 + [1] * 3)
     for loop, rows in zip(robot.loops, equations_per_loop(robot), strict=True):
-        ways = [robot.path_to_base(end.link) for end in loop.ends]
-        parts = next((number + 1 for number in ways[0] if number in ways[1]), 0)  # the link whose axes J is told in
+        paths = [robot.path_to_base(end.link) for end in loop.ends]
+        # J is expressed in the axes of the link where the chains part
+        common_link = next((number + 1 for number in paths[0] if number in paths[1]), 0)
         wrench = np.zeros((*multipliers.shape[:-1], 6))
-        wrench[..., :rows] = multipliers[..., start : start + rows] * scale[:rows]
-        start += rows
+        wrench[..., :rows] = multipliers[..., first_row : first_row + rows] * scale[:rows]
+        first_row += rows
         for end, sign in zip(loop.ends, (1, -1), strict=True):
-            R = np.swapaxes(placed[end.link][0], -1, -2) @ placed[parts][0]
-            turned = screw(apply(R, sign * wrench[..., :3]), apply(R, sign * wrench[..., 3:]))
-            yield end.link, wrench_to_antecedent(np.eye(3), end.placement[:3, 3], turned)
+            R = np.swapaxes(placements[end.link][0], -1, -2) @ placements[common_link][0]
+            rotated = screw(apply(R, sign * wrench[..., :3]), apply(R, sign * wrench[..., 3:]))
+            yield end.link, wrench_to_antecedent(np.eye(3), end.placement[:3, 3], rotated)
 
 
-def _arm(robot, numbers, end, q, qd):
-    """The _Arm of joints `numbers`, from the link where the chains part on."""
-    R, P = np.eye(3, dtype=int), np.zeros(3, dtype=int)
-    axes = {}  # of each joint: its axis and a point on it
-    omega = turning = acceleration = np.zeros(3, dtype=int)
+def _chain(robot: Robot, numbers: Sequence[int], end: LoopEnd, q: ScalarArray, qd: ScalarArray | None) -> _Chain:
+    """The _Chain of joints `numbers`, from the link where the chains part to the end."""
+    R: ScalarArray = np.eye(3, dtype=int)
+    P: ScalarArray = np.zeros(3, dtype=int)
+    axes: dict[int, tuple[ScalarArray, ScalarArray]] = {}  # of each joint: its axis and a point on it
+    omega: ScalarArray = np.zeros(3, dtype=int)
+    angular_acceleration: ScalarArray = omega
+    acceleration: ScalarArray = omega
     for number in numbers:
         joint = robot.joints[number]
         R_j, P_j = joint_placement(joint, q[..., number : number + 1])
         offset = apply(R, P_j)
-        R, P = R @ R_j, P + offset
+        R = R @ R_j
+        P = P + offset
         z = R[..., 2]
         axes[number] = z, P
         if qd is not None:
             rate = qd[..., number : number + 1]
-            acceleration = acceleration + AngularMotion(omega, turning).times(offset)
+            acceleration = acceleration + AngularMotion(omega, angular_acceleration).times(offset)
             if joint.prismatic:
                 acceleration = acceleration + 2 * cross(omega, z * rate)
             else:
-                turning = turning + cross(omega, z * rate)
+                angular_acceleration = angular_acceleration + cross(omega, z * rate)
                 omega = omega + z * rate
     offset = apply(R, end.placement[:3, 3])
     P = P + offset
     if qd is not None:
-        acceleration = acceleration + AngularMotion(omega, turning).times(offset)
+        acceleration = acceleration + AngularMotion(omega, angular_acceleration).times(offset)
     columns = {
         number: screw(z, np.zeros_like(z)) if robot.joints[number].prismatic else screw(cross(z, P - point), z)
         for number, (z, point) in axes.items()
     }
-    return _Arm(R @ end.placement[:3, :3], P, columns, screw(acceleration, turning))
+    return _Chain(R @ end.placement[:3, :3], P, columns, screw(acceleration, angular_acceleration))
 
 
-def _residual(moved, closed_on, ball):
-    """[P_k - P_k+B; 2 tan(φ/2) u] (..., 6), or the first three alone."""
-    distance = moved.P - closed_on.P
-    if ball:
+def _residual(moved: _Chain, closed_on: _Chain, is_spherical: bool) -> ScalarArray:
+    """[P_k - P_k+B; 2 tan(φ/2) u] (..., 6), or the first three entries alone."""
+    distance: ScalarArray = moved.P - closed_on.P
+    if is_spherical:
         return distance
     R = moved.R @ np.swapaxes(closed_on.R, -1, -2)
     # R - Rᵀ = 2 sin φ û and 1 + tr R = 2 (1 + cos φ)
-    share = 2 / (1 + R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2])
-    turned = [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]]
-    return screw(distance, np.stack([share * entry for entry in turned], axis=-1))
+    factor = 2 / (1 + R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2])
+    skew_entries = [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]]
+    return screw(distance, np.stack([factor * entry for entry in skew_entries], axis=-1))
 
 
-def _jacobian(moved, closed_on, joints):
-    """J (..., 6, joints): of the twist of frame k less that of frame k+B."""
+def _jacobian(moved: _Chain, closed_on: _Chain, joints: int) -> ScalarArray:
+    """J (..., 6, joints): of the twist of frame k relative to frame k+B."""
     columns = {**moved.columns, **{number: -column for number, column in closed_on.columns.items()}}
     zero = 0 * next(iter(columns.values()))
-    stacked = np.broadcast_arrays(*(columns.get(number, zero) for number in range(joints)))
-    return np.stack(stacked, axis=-1)
+    entries = np.broadcast_arrays(*(columns.get(number, zero) for number in range(joints)))
+    return np.stack(entries, axis=-1)

@@ -1,9 +1,9 @@
-"""Closed configurations of a robot with loops from the whole range that it reaches: walks on the manifold e(q) = 0.
+"""Random walks over the closed positions of a robot with loops: the constraint manifold e(q) = 0.
 
-A stride goes along a tangent of the manifold, in all joints alike, and is brought back to it by steps of least length:
-so a walk passes dead points of motors, and all positions at which the independent joints do not place the others.
-Where the rank of the loops' equations falls, other branches begin. Strides become as short as the way to such a
-position, so that none leads across it into another branch.
+A stride follows a tangent of the manifold in all joints alike, and steps of least length lead back to the manifold. So
+a walk passes dead points of motors, and all positions at which the independent joints do not determine the others.
+Other branches begin where the rank of the loop equations falls. Strides become as short as the distance to such a
+position, so that none crosses it into another branch.
 
 Source: Rheinboldt, "On the computation of multi-dimensional solution manifolds of parametrized equations" (1988).
 """
@@ -13,53 +13,77 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE, RANK_TOLERANCE
-from robot_dynamics.constraints.topology import build_topology
+from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
+from robot_dynamics.model.robot import Robot
 
-WALKERS = 16  # that walk side by side
-STRIDES_PER_WALKER = 60  # of each
-MAX_STRIDE = 0.3  # [rad or characteristic lengths] the longest
-MAX_PART_OF_DISTANCE = 0.4  # of the way to where the rank falls, that a stride may take
-MIN_STRIDE = 1e-3  # stride: before it is shorter the walk turns
-SINGULAR_RATIO = 1e-3  # part of the least singular value at the beginning: where it is less no walk leads
-MAX_RELATIVE_DEVIATION = 0.3  # of a stride: how far beside its end the manifold may be
-RANDOM_TURN = 0.3  # of a direction that is random, where there are many
-CHORD_STEPS = 3  # back to the manifold with the Jacobian of the position before
-NEWTON_STEPS = 3  # and with its own
+WALKERS = 16
+"""Walks at the same time."""
+STRIDES_PER_WALKER = 60
+MAX_STRIDE = 0.3
+"""Longest stride [rad or characteristic lengths]."""
+MAX_PART_OF_DISTANCE = 0.4
+"""Longest stride, as a part of the distance to where the rank falls."""
+MIN_STRIDE = 1e-3
+"""Stride below which the walk changes its direction."""
+SINGULAR_RATIO = 1e-3
+"""Least singular value, as a part of that at the start, of positions that a walk reaches."""
+MAX_RELATIVE_DEVIATION = 0.3
+"""Part of a stride by which the manifold may deviate from its end."""
+RANDOM_TURN = 0.3
+"""Random part of the next direction, where there are several."""
+CHORD_STEPS = 3
+"""Steps back to the manifold with the Jacobian of the last position."""
+NEWTON_STEPS = 3
+"""Further steps, each with its own Jacobian."""
 
 
 class Tangent(NamedTuple):
-    """The manifold at positions t (N, m), joints counted in units of `reach`.
+    """Tangent of the manifold at positions t (N, m), in joint units.
 
-    basis: (N, m, n) orthonormal columns along it; inverse: (N, m, rows) pseudo-inverse of the Jacobian; least: (N,) its
-    least singular value that is not zero everywhere.
+    Attributes
+    ----------
+    basis : ndarray, shape (N, m, n)
+        Orthonormal columns along the manifold.
+    pseudo_inverse : ndarray, shape (N, m, rows)
+        Of the Jacobian.
+    least_singular_value : ndarray, shape (N,)
+        Least singular value of the Jacobian within its rank.
     """
 
-    basis: np.ndarray
-    pseudo_inverse: np.ndarray
-    least_singular_value: np.ndarray
+    basis: Array
+    pseudo_inverse: Array
+    least_singular_value: Array
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintManifold:
-    """The closed configurations of a Coupling: positions q = S t + offset of all joints with e(q) = 0.
+    """Closed positions q = S t + offset of all joints of a ConstraintTopology: e(q) = 0.
 
-    reach (m,): what counts as a radian of each of the joints t; lower, upper (joints,): limits of positions; rank: of
-    the loops' equations.
+    Attributes
+    ----------
+    topology : ConstraintTopology
+    units : ndarray, shape (m,)
+        Change of each joint t that counts as one radian [rad or m].
+    lower, upper : ndarray, shape (joints,)
+        Limits of positions.
+    rank : int
+        Of the loop equations.
     """
 
-    topology: object
-    units: np.ndarray
-    lower: np.ndarray
-    upper: np.ndarray
+    topology: ConstraintTopology
+    units: Array
+    lower: Array
+    upper: Array
     rank: int
 
-    def joint_positions(self, t):
-        """(N, joints) of all joints."""
-        return t @ self.topology.S.T + self.topology.offset
+    def joint_positions(self, t: Array) -> Array:
+        """Positions (N, joints) of all joints."""
+        return self.topology.joint_positions(t)
 
-    def tangent(self, t):
+    def tangent(self, t: Array) -> Tangent:
         """The Tangent at positions t (N, m)."""
         J = loop_equations(self.topology.robot, self.joint_positions(t)).jacobian @ self.topology.S * self.units
         U, s, Vt = np.linalg.svd(np.nan_to_num(J, posinf=0, neginf=0))
@@ -68,87 +92,107 @@ class ConstraintManifold:
         pseudo_inverse = V[..., :r] / np.maximum(s[:, None, :r], 1e-300) @ np.swapaxes(U[..., :r], -1, -2)
         return Tangent(V[..., r:], pseudo_inverse, s[:, r - 1])
 
-    def random_walks(self, rng):
-        """(WALKERS * STRIDES, m) positions t on random walks from where the loops are known to be closed."""
-        with np.errstate(all="ignore"):  # positions without a finite residual are not gone to
+    def random_walks(self, rng: np.random.Generator) -> Array:
+        """(WALKERS * STRIDES_PER_WALKER, m) positions t on random walks from the reference positions."""
+        with np.errstate(all="ignore"):  # strides to positions without a finite residual are not taken
             t = np.tile(self.topology.reference_positions, (WALKERS, 1))
-            here, passed = self.tangent(t), []
-            regular, shares = SINGULAR_RATIO * here.least_singular_value, np.ones(WALKERS)
-            directions = _directions(here, rng)
+            tangent = self.tangent(t)
+            min_singular_value = SINGULAR_RATIO * tangent.least_singular_value
+            fractions = np.ones(WALKERS)
+            directions = _random_directions(tangent, rng)
+            visited = []
             for _ in range(STRIDES_PER_WALKER):
-                lengths = shares * np.minimum(MAX_STRIDE, MAX_PART_OF_DISTANCE * here.least_singular_value)
-                there, reached = self._stride(t, here, lengths[:, None] * directions)
-                ahead = self.tangent(np.where(reached[:, None], there, t))
-                reached &= ahead.least_singular_value > regular
-                t, here = np.where(reached[:, None], there, t), _chosen(reached, ahead, here)
-                passed.append(t)
-                shares = np.where(reached, np.minimum(1.0, 2 * shares), shares / 4)
-                turning = shares * np.minimum(MAX_STRIDE, MAX_PART_OF_DISTANCE * here.least_singular_value) < MIN_STRIDE
-                shares = np.where(turning, 1.0, shares)
-                directions = np.where(turning[:, None], _directions(here, rng), _onwards(here, directions, rng))
-        return np.concatenate(passed)
+                strides = fractions * _max_stride(tangent)
+                end, is_reached = self._stride(t, tangent, strides[:, None] * directions)
+                end_tangent = self.tangent(np.where(is_reached[:, None], end, t))
+                is_reached &= end_tangent.least_singular_value > min_singular_value
+                t = np.where(is_reached[:, None], end, t)
+                tangent = _select(is_reached, end_tangent, tangent)
+                visited.append(t)
+                fractions = np.where(is_reached, np.minimum(1.0, 2 * fractions), fractions / 4)
+                is_turning = fractions * _max_stride(tangent) < MIN_STRIDE
+                fractions = np.where(is_turning, 1.0, fractions)
+                new_directions = _random_directions(tangent, rng)
+                directions = np.where(is_turning[:, None], new_directions, _turn(tangent, directions, rng))
+        return np.concatenate(visited)
 
-    def _stride(self, t, here, step):
-        """(positions (N, m) on the manifold beside t + step, (N,) whether they are there, near the end of the step and
-        within limits)."""
-        there = t + step * self.units
+    def _stride(self, t: Array, tangent: Tangent, step: Array) -> tuple[Array, BoolArray]:
+        """Positions (N, m) on the manifold near t + step.
+
+        Also returns (N,) whether these are on the manifold, near the end of the step and within limits.
+        """
+        end = t + step * self.units
         for _ in range(CHORD_STEPS):
-            there = there - self._back(here.pseudo_inverse, self._residual(there))
-        residual = self._residual(there)
+            end = end - self._correction(tangent.pseudo_inverse, self._residual(end))
+        residual = self._residual(end)
         for _ in range(NEWTON_STEPS):
             size = np.abs(residual).max(axis=-1)
-            open_ = (size > 1e-2 * CLOSURE_TOLERANCE) & (size < 1)
-            if not open_.any():
+            is_open = (size > 1e-2 * CLOSURE_TOLERANCE) & (size < 1)
+            if not is_open.any():
                 break
-            there[open_] -= self._back(self.tangent(there[open_]).pseudo_inverse, residual[open_])
-            residual[open_] = self._residual(there[open_])
-        beside = np.linalg.norm((there - t) / self.units - step, axis=-1)
-        near, q = beside < MAX_RELATIVE_DEVIATION * np.linalg.norm(step, axis=-1), self.joint_positions(there)
-        closed = np.abs(residual).max(axis=-1) <= CLOSURE_TOLERANCE
-        return there, closed & near & ((q >= self.lower) & (q <= self.upper)).all(axis=-1)
+            end[is_open] -= self._correction(self.tangent(end[is_open]).pseudo_inverse, residual[is_open])
+            residual[is_open] = self._residual(end[is_open])
+        deviation = np.linalg.norm((end - t) / self.units - step, axis=-1)
+        is_near = deviation < MAX_RELATIVE_DEVIATION * np.linalg.norm(step, axis=-1)
+        is_closed = np.abs(residual).max(axis=-1) <= CLOSURE_TOLERANCE
+        q = self.joint_positions(end)
+        is_within_limits = ((q >= self.lower) & (q <= self.upper)).all(axis=-1)
+        return end, is_closed & is_near & is_within_limits
 
-    def _residual(self, t):
+    def _residual(self, t: Array) -> Array:
+        """Residual (N, rows) at positions t (N, m)."""
         return loop_equations(self.topology.robot, self.joint_positions(t)).residual
 
-    def _back(self, pseudo_inverse, residual):
-        return np.nan_to_num((pseudo_inverse @ residual[..., None])[..., 0]) * self.units
+    def _correction(self, pseudo_inverse: Array, residual: Array) -> Array:
+        """Displacement (N, m) of least length that a residual (N, rows) belongs to."""
+        correction: Array = np.nan_to_num((pseudo_inverse @ residual[..., None])[..., 0]) * self.units
+        return correction
 
 
-def build_constraint_manifold(robot):
-    """The ClosedManifold of a robot with loops, within the limits of all its joints.
+def build_constraint_manifold(robot: Robot) -> ConstraintManifold:
+    """The ConstraintManifold of a robot with loops, within the limits of all its joints.
 
     Raises DescriptionError where the loops cannot be closed.
     """
-    closed = build_topology(robot)
-    unit = robot.characteristic_length
-    units = np.array([unit if robot.joints[number].prismatic else 1.0 for number in closed.non_mimic_joints])
-    q = closed.S @ closed.reference_positions + closed.offset
+    topology = build_topology(robot)
+    q = topology.joint_positions(topology.reference_positions)
     lower, upper = np.array([(joint.limits.lower, joint.limits.upper) for joint in robot.joints]).T
-    s = np.linalg.svd(loop_equations(robot, q).jacobian @ closed.S * units, compute_uv=False)
-    return ConstraintManifold(
-        closed, units, np.minimum(lower, q), np.maximum(upper, q), int((s > RANK_TOLERANCE * s[0]).sum())
+    J = loop_equations(robot, q).jacobian @ topology.S * topology.column_units
+    s = np.linalg.svd(J, compute_uv=False)
+    rank = int((s > RANK_TOLERANCE * s[0]).sum())
+    return ConstraintManifold(topology, topology.column_units, np.minimum(lower, q), np.maximum(upper, q), rank)
+
+
+def _max_stride(tangent: Tangent) -> Array:
+    """(N,) longest stride at a tangent."""
+    return np.minimum(MAX_STRIDE, MAX_PART_OF_DISTANCE * tangent.least_singular_value)
+
+
+def _select(is_reached: BoolArray, end: Tangent, start: Tangent) -> Tangent:
+    """The Tangent at the end for walkers that reached it, at the start for the others."""
+    return Tangent(
+        *(
+            np.where(is_reached.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+            for new, old in zip(end, start, strict=True)
+        )
     )
 
 
-def _chosen(reached, ahead, here):
-    """The Tangent of those walkers that reached their end, ahead, and of the others, here."""
-    return Tangent(*(np.where(reached.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-                     for new, old in zip(ahead, here, strict=True)))  # fmt: skip
-
-
-def _directions(here, rng):
+def _random_directions(tangent: Tangent, rng: np.random.Generator) -> Array:
     """(N, m) random unit vectors along the manifold."""
-    walkers, _, n = here.basis.shape
-    return _unit((here.basis @ rng.normal(size=(walkers, n, 1)))[..., 0])
+    walkers, _, n = tangent.basis.shape
+    return _normalize((tangent.basis @ rng.normal(size=(walkers, n, 1)))[..., 0])
 
 
-def _onwards(here, directions, rng):
-    """(N, m) unit vectors along the manifold that go on as directions (N, m) do, and swerve where there is room."""
-    along = np.swapaxes(here.basis, -1, -2) @ directions[..., None]
-    if along.shape[1] > 1:
-        along = along + RANDOM_TURN * rng.normal(size=along.shape) / np.sqrt(along.shape[1])
-    return _unit((here.basis @ along)[..., 0])
+def _turn(tangent: Tangent, directions: Array, rng: np.random.Generator) -> Array:
+    """(N, m) unit vectors along the manifold that continue directions (N, m), turned at random where possible."""
+    components = np.swapaxes(tangent.basis, -1, -2) @ directions[..., None]
+    if components.shape[1] > 1:
+        components = components + RANDOM_TURN * rng.normal(size=components.shape) / np.sqrt(components.shape[1])
+    return _normalize((tangent.basis @ components)[..., 0])
 
 
-def _unit(vectors):
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+def _normalize(vectors: Array) -> Array:
+    """Unit vectors (N, m)."""
+    unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300)
+    return unit

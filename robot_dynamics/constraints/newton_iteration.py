@@ -1,108 +1,197 @@
-"""Positions that close the loops of a robot: Newton's method from a seed, for many samples at once.
+"""Newton's method for positions that close the loops of a robot, for many samples at once.
 
-What is evaluated comes from outside: `evaluate(t)` gives for positions t (N, m) of the joints that follow no other one
-(residual (N, rows), step (N, dependent), ...): Newton's step of the dependent joints, and what else there is to tell.
+The function that evaluates residuals and steps is an argument: `newton_step` of a topology, or a compiled program.
 """
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-NEWTON_TOLERANCE = 1e-13  # residual [characteristic lengths, rad] at which nothing is left to gain
+from robot_dynamics.array_types import Array, IntArray, ScalarArray
+from robot_dynamics.constraints.least_squares import factor_bordered, least_squares
+
+if TYPE_CHECKING:
+    from robot_dynamics.constraints.topology import ConstraintTopology
+
+NEWTON_TOLERANCE = 1e-13
+"""Residual [characteristic lengths, rad] below which rounding prevents a further decrease."""
 MAX_ITERATIONS = 40
 MAX_HALVINGS = 6
-SUFFICIENT_DECREASE = 0.999  # of the residual that may be left after a step, where it is worth to go on
-MAX_STEP = 0.5  # [rad or characteristic lengths]: a Newton step that is longer knows nothing of where it leads
+SUFFICIENT_DECREASE = 0.999
+"""Ratio of the residuals after and before a step above which the iteration ends."""
+MAX_STEP = 0.5
+"""Longest step [rad or characteristic lengths]: the linearization does not hold further away."""
+
+StepEvaluator: TypeAlias = Callable[[Array], Sequence[Array]]
+"""Evaluates positions t (..., m): residual (..., rows), Newton's step (..., dependent), and further arrays."""
+Advance: TypeAlias = Callable[[Array, Array], Array]
+"""Positions (..., m) from positions (..., m) and a step (..., dependent)."""
+
+
+class NewtonStep(NamedTuple):
+    """Newton's method for the loops at positions t (..., m).
+
+    Attributes
+    ----------
+    residual : ndarray, shape (..., rows)
+    step : ndarray, shape (..., dependent)
+        Step of the dependent joints.
+    pivots, squared_norms : ndarray, shape (..., dependent)
+        Those of the BorderedFactors of J_d.
+    determinant_matrix : ndarray, shape (..., dependent, dependent)
+        Rows of J_d whose determinant is positive at the reference positions. It changes its sign at singular positions
+        only.
+    """
+
+    residual: ScalarArray
+    step: ScalarArray
+    pivots: ScalarArray
+    squared_norms: ScalarArray
+    determinant_matrix: ScalarArray
+
+
+def newton_step(topology: "ConstraintTopology", t: ScalarArray) -> NewtonStep:
+    """The NewtonStep of the loops of a topology at positions t (..., m)."""
+    rows = topology.determinant_rows
+    assert rows is not None, "a robot without loops has no loop equations"
+    equations = topology.loop_equations_at(t)
+    J = equations.jacobian @ topology.S[:, topology.dependent_columns]
+    factors = factor_bordered(J, topology.jacobian_partition)
+    step = least_squares(factors, -equations.residual[..., None])[..., 0]
+    signs = np.array([topology.determinant_sign] + [1] * (len(rows) - 1))
+    determinant_matrix = J[..., rows, :] * signs[: len(rows), None]
+    return NewtonStep(equations.residual, step, factors.pivots, factors.squared_norms, determinant_matrix)
 
 
 def iterate_newton(
-    evaluate, t, dependent, max_step, iterations=MAX_ITERATIONS, tolerance=NEWTON_TOLERANCE, advance=None
-):
-    """(t (N, m), what `evaluate` gives there): the positions `dependent` moved until the residual is at most `closed`,
-    or until nothing brings the ends of the loops closer.
+    evaluate: StepEvaluator,
+    t: Array,
+    dependent: IntArray | Sequence[int],
+    max_step: Array,
+    iterations: int = MAX_ITERATIONS,
+    tolerance: float = NEWTON_TOLERANCE,
+    advance: Advance | None = None,
+) -> tuple[Array, list[Array]]:
+    """Move the dependent joints until the loops are closed, or until no step decreases the residual.
 
-    t: (N, m), where to begin; dependent: numbers of columns; longest: (dependent,) the longest step of each. A single
-    sample is evaluated as t (m,), which takes a fraction of the time. advance: positions (..., m) from positions
-    (..., m) and a step (..., dependent), where that is more than a sum.
+    Parameters
+    ----------
+    evaluate : StepEvaluator
+        A single sample is evaluated as t (m,), which takes a fraction of the time.
+    t : ndarray, shape (N, m)
+        Start positions.
+    dependent : sequence of int
+        Columns of t that move.
+    max_step : ndarray, shape (dependent,)
+        Longest step of each of them.
+    iterations : int
+    tolerance : float
+        Residual at which a sample is closed.
+    advance : Advance, optional
+        Adds a step to positions. By default the dependent columns are summed.
+
+    Returns
+    -------
+    t : ndarray, shape (N, m)
+    evaluation : list of ndarray
+        Results of `evaluate` there.
     """
-    advance = advance or _sum(dependent)
+    advance = advance or _add_to_columns(dependent)
     if len(t) == 1:
-        t, found = _newton_of_one(evaluate, np.array(t[0]), advance, max_step, iterations, tolerance)
-        return t[None], [np.asarray(value)[None] for value in found]
+        end, results = _iterate_sample(evaluate, np.array(t[0]), advance, max_step, iterations, tolerance)
+        return end[None], [np.asarray(value)[None] for value in results]
     t = np.array(t)
-    found = [np.require(value, requirements="W") for value in evaluate(t)]
-    waiting = np.arange(len(t))
+    evaluation = [np.require(value, requirements="W") for value in evaluate(t)]
+    active = np.arange(len(t))
     for _ in range(iterations):
-        waiting = waiting[np.abs(found[0][_rows(waiting, t)]).max(axis=-1, initial=0) > tolerance]
-        if not len(waiting):
+        residual = evaluation[0][_row_index(active, t)]
+        active = active[np.abs(residual).max(axis=-1, initial=0) > tolerance]
+        if not len(active):
             break
-        step = _no_longer(found[1][_rows(waiting, t)], max_step)
-        waiting = _improved(evaluate, t, found, advance, waiting, step)
-    return t, found
+        step = _limit_step(evaluation[1][_row_index(active, t)], max_step)
+        active = _advance_samples(evaluate, t, evaluation, advance, active, step)
+    return t, evaluation
 
 
-def _sum(dependent):
-    """What adds a step (..., dependent) to positions (..., m), of which `dependent` are the numbers of columns."""
+def _add_to_columns(dependent: IntArray | Sequence[int]) -> Advance:
+    """The function that adds a step (..., dependent) to these columns of positions (..., m)."""
 
-    def advance(t, step):
-        found = np.array(t)
-        found[..., dependent] += step
-        return found
+    def advance(t: Array, step: Array) -> Array:
+        end = np.array(t)
+        end[..., dependent] += step
+        return end
 
     return advance
 
 
-def _newton_of_one(evaluate, t, advance, max_step, iterations, tolerance):
-    """As `newton`, of one sample t (m,)."""
-    found = evaluate(t)
+def _iterate_sample(
+    evaluate: StepEvaluator, t: Array, advance: Advance, max_step: Array, iterations: int, tolerance: float
+) -> tuple[Array, Sequence[Array]]:
+    """`iterate_newton` for one sample t (m,)."""
+    evaluation = evaluate(t)
     for _ in range(iterations):
-        residual = found[0]
+        residual = evaluation[0]
         if not np.abs(residual).max(initial=0) > tolerance:
             break
-        step, enough, share = _no_longer(found[1], max_step), SUFFICIENT_DECREASE**2 * (residual @ residual), 1.0
+        step = _limit_step(evaluation[1], max_step)
+        sufficient = SUFFICIENT_DECREASE**2 * (residual @ residual)
+        fraction = 1.0
         for _ in range(MAX_HALVINGS):
-            trial = advance(t, share * step)
-            tried = evaluate(trial)
-            if tried[0] @ tried[0] < enough:
+            trial = advance(t, fraction * step)
+            trial_evaluation = evaluate(trial)
+            if trial_evaluation[0] @ trial_evaluation[0] < sufficient:
                 break
-            share /= 2
+            fraction /= 2
         else:
             break
-        t, found = trial, tried
-    return t, found
+        t = trial
+        evaluation = trial_evaluation
+    return t, evaluation
 
 
-def _no_longer(step, max_step):
-    """Steps (..., dependent), shortened as a whole where a part of one is too long; none where it is not finite."""
+def _limit_step(step: Array, max_step: Array) -> Array:
+    """Steps (..., dependent), shortened as a whole where an entry is too long, zero where entries are not finite."""
     if not (np.abs(step) <= max_step).all():
         step = np.where(np.isfinite(step), step, 0)
         step = step / np.maximum(1.0, (np.abs(step) / max_step).max(axis=-1, keepdims=True))
     return step
 
 
-def _improved(evaluate, t, found, advance, waiting, step):
-    """Those of the samples `waiting` whose loops are nearer to being closed after their step or a part of it; t and
-    found hold them then."""
-    enough = SUFFICIENT_DECREASE**2 * _squared(found[0][_rows(waiting, t)])
-    left, share, better = np.arange(len(waiting)), 1.0, []
+def _advance_samples(
+    evaluate: StepEvaluator, t: Array, evaluation: list[Array], advance: Advance, active: IntArray, step: Array
+) -> IntArray:
+    """Take the step (active, dependent), or a part of it, in those active samples whose residual it decreases.
+
+    Updates t and evaluation in place, and returns the numbers of these samples, ascending.
+    """
+    sufficient = SUFFICIENT_DECREASE**2 * _squared_norm(evaluation[0][_row_index(active, t)])
+    remaining = np.arange(len(active))
+    fraction = 1.0
+    improved = []
     for _ in range(MAX_HALVINGS):
-        trial = advance(t[_rows(waiting[left], t)], share * step[_rows(left, step)])
-        tried = evaluate(trial)
-        gains = _squared(tried[0]) < enough[left]
-        samples = waiting[left[gains]]
-        rows, gained = _rows(samples, t), _rows(np.flatnonzero(gains), trial)
-        t[rows] = trial[gained]
-        for values, now in zip(found, tried, strict=True):
-            values[rows] = now[gained]
-        better.append(samples)
-        left, share = left[~gains], share / 2
-        if not len(left):
+        trial = advance(t[_row_index(active[remaining], t)], fraction * step[_row_index(remaining, step)])
+        trial_evaluation = evaluate(trial)
+        is_better = _squared_norm(trial_evaluation[0]) < sufficient[remaining]
+        samples = active[remaining[is_better]]
+        rows = _row_index(samples, t)
+        better_rows = _row_index(np.flatnonzero(is_better), trial)
+        t[rows] = trial[better_rows]
+        for values, trial_values in zip(evaluation, trial_evaluation, strict=True):
+            values[rows] = trial_values[better_rows]
+        improved.append(samples)
+        remaining = remaining[~is_better]
+        fraction /= 2
+        if not len(remaining):
             break
-    return np.sort(np.concatenate(better))
+    return np.sort(np.concatenate(improved))
 
 
-def _rows(numbers, array):
-    """Numbers of rows, in their order, as an index of an array: all of them as a slice, which copies nothing."""
+def _row_index(numbers: IntArray, array: Array) -> slice | IntArray:
+    """Index of ascending rows of an array: a slice, which copies nothing, where these are all rows."""
     return slice(None) if len(numbers) == len(array) else numbers
 
 
-def _squared(residuals):
-    return np.einsum("...i,...i", residuals, residuals)
+def _squared_norm(residuals: Array) -> Array:
+    norms: Array = np.einsum("...i,...i", residuals, residuals)
+    return norms

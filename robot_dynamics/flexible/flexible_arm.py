@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.block_recursion import solve, sweep_forward
@@ -18,7 +19,6 @@ from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
-from robot_dynamics.results import broadcast_result
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics

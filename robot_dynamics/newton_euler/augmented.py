@@ -1,43 +1,49 @@
-"""The inverse dynamic model by augmented bodies (Renaud), for trees: the recursion with the fewest operations.
+"""Inverse dynamic model by augmented bodies (Renaud), for trees: the recursion with the fewest operations.
 
-The augmented body j is link j and, for each turning joint k that hangs on it, the mass m*_k of all that this joint
-carries, as a point at O_k. Its moments are constant, so that masses meet accelerations once for each link and not once
-for each pair of links. In the backward sweep only
+The augmented body j is link j and, for each revolute joint k whose antecedent it is, the mass m*_k of the whole subtree
+of this joint, as a point at O_k. Its moments are constant, so that masses multiply accelerations once for each link and
+not once for each pair of links. The backward pass transmits only
 
-    e_j = f_j - m*_j α_j,   α_j the acceleration of O_j with gravity taken off
+    e_j = f_j - m*_j α_j,   α_j the acceleration of O_j with gravity subtracted
 
-is handed down, since the moments of the augmented body below have the other part already. A sliding joint moves its
-point of mass: it hands down the whole f_j, which is cheaper than moments that vary.
+since the moments of the augmented body below contain the other part already. A prismatic joint moves its point mass: it
+transmits the whole f_j, which costs less than moments that vary.
 
 With B_j = [ω̇_j] + [ω_j][ω_j] ([·] the matrix of the vector product) a point at r has the acceleration α_j + B_j r.
 
-Source: Renaud, equations 0 to 10, for simple chains; trees, the moving base and sliding joints as told here.
+Source: Renaud, equations 0 to 10, for simple chains. Trees, the moving base and prismatic joints are treated as above.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
+from robot_dynamics.model.joint import Joint
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.kinematics import joint_placement
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, concatenate_vectors, cross, screw
 
 
 class AugmentedBodies(NamedTuple):
-    """Of each link's augmented body, by link number: m*; first moments u* (3,); second moments k* (3, 3) about O_j."""
+    """Augmented bodies by link number: m*; first moments u* (3,); second moments k* (3, 3) about O_j."""
 
-    masses: list
-    first_moments: list
-    second_moments: list
+    masses: list[float]
+    first_moments: list[ScalarArray]
+    second_moments: list[ScalarArray]
 
 
-def augmented_bodies(robot):
-    """The AugmentedBodies of a robot, constant."""
+def augmented_bodies(robot: Robot) -> AugmentedBodies:
+    """The constant AugmentedBodies of a robot."""
     masses = [link.inertia.mass for link in robot.links]
     first = [link.inertia.first_moments for link in robot.links]
     second = [link.inertia.second_moments for link in robot.links]
     for j in range(len(robot.joints), 0, -1):
         joint = robot.joints[j - 1]
-        i, mass, P = joint.antecedent, masses[j], joint.placement[:3, 3]
+        i = joint.antecedent
+        mass = masses[j]
+        P = joint.placement[:3, 3]
         if not joint.prismatic:
             masses[i] = masses[i] + mass
             first[i] = first[i] + mass * P  # u* = u + m* p
@@ -46,64 +52,125 @@ def augmented_bodies(robot):
     return AugmentedBodies(masses, first, second)
 
 
-def inverse_dynamics(robot, q, qd, qdd, base_twist, base_acceleration, external_wrenches):
-    """Joint forces (..., n) [N m or N] of a motion, friction not counted, and the wrench that holds the base (..., 6).
+def inverse_dynamics(
+    robot: Robot,
+    q: ScalarArray,
+    qd: ScalarArray,
+    qdd: ScalarArray,
+    base_twist: ScalarArray,
+    base_acceleration: ScalarArray,
+    external_wrenches: Mapping[int, ScalarArray],
+) -> tuple[ScalarArray, ScalarArray]:
+    """Joint forces and the wrench on the base of a motion.
 
-    q, qd, qdd: (..., n); base_twist: 0V0 and base_acceleration: 0V̇0 (..., 6), gravity taken off, in frame 0;
-    external_wrenches: {link number: jf_e (..., 6)}, what the link does to its environment, in frame j at its origin.
+    Parameters
+    ----------
+    robot : Robot
+    q, qd, qdd : ndarray, shape (..., n)
+    base_twist, base_acceleration : ndarray, shape (..., 6)
+        0V0 and 0V̇0, gravity subtracted, in frame 0.
+    external_wrenches : mapping of int to ndarray
+        jf_e (..., 6) by link number: what the link exerts on its environment, in frame j at its origin.
+
+    Returns
+    -------
+    forces : ndarray, shape (..., n)
+        Joint forces [N m or N], friction not counted.
+    wrench : ndarray, shape (..., 6)
+        Wrench that holds the base.
     """
     motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration)
-    return _backward(robot, augmented_bodies(robot), motions, qdd, external_wrenches)
-
-
-def link_motions(robot, q, qd, qdd, base_twist, base_acceleration):
-    """The Motion of each link, a list by link number; arguments as for `inverse_dynamics` (eq. 1 to 6)."""
-    motions = [LinkMotion(None, None, base_twist[..., 3:], base_acceleration[..., 3:], base_acceleration[..., :3])]
-    for j, joint in enumerate(robot.joints, start=1):
-        column = slice(j - 1, j)
-        motions.append(_moved(joint, motions[joint.antecedent], q[..., column], qd[..., j - 1], qdd[..., j - 1]))
-    return motions
+    return _run_backward_pass(robot, augmented_bodies(robot), motions, qdd, external_wrenches)
 
 
 class AngularMotion:
-    """How a link turns.
+    """Angular motion of a link.
 
-    omega: ω_j, turning: its derivative a_j (..., 3), in the same axes; xx, xy, ... the products of components of ω_j;
-    B: B_j.
+    Attributes
+    ----------
+    omega, angular_acceleration : ndarray, shape (..., 3)
+        ω_j and its derivative a_j, in the same axes.
+    xx, yy, zz, xy, xz, yz : ndarray, shape (...)
+        Products of the components of ω_j.
+    B : list of list of ndarray
+        Entries (...) of the matrix B_j (3, 3).
     """
 
-    def __init__(self, omega, angular_acceleration):
-        self.omega, self.angular_acceleration = omega, angular_acceleration
+    def __init__(self, omega: ScalarArray, angular_acceleration: ScalarArray) -> None:
+        self.omega = omega
+        self.angular_acceleration = angular_acceleration
         x, y, z = _entries(omega)
         a, b, c = _entries(angular_acceleration)
-        self.xx, self.yy, self.zz, self.xy, self.xz, self.yz = x * x, y * y, z * z, x * y, x * z, y * z  # eq. 2
+        self.xx = x * x  # eq. 2
+        self.yy = y * y
+        self.zz = z * z
+        self.xy = x * y
+        self.xz = x * z
+        self.yz = y * z
         self.B = [  # eq. 4
             [-(self.yy + self.zz), self.xy - c, self.xz + b],
             [self.xy + c, -(self.xx + self.zz), self.yz - a],
             [self.xz - b, self.yz + a, -(self.xx + self.yy)],
         ]
 
-    def times(self, r):
-        """B_j r, for a vector (..., 3)."""
+    def times(self, r: ScalarArray) -> ScalarArray:
+        """B_j r (..., 3) for a vector r (..., 3)."""
         x, y, z = _entries(r)
         return _vector(*(row[0] * x + row[1] * y + row[2] * z for row in self.B))
 
 
 class LinkMotion(AngularMotion):
-    """How a link moves: turning, and besides R, P: iRj (..., 3, 3) and iPj (..., 3); alpha: α_j (..., 3), the
-    acceleration of O_j with gravity taken off. All in frame j."""
+    """Motion of a link, in frame j.
 
-    def __init__(self, R, P, omega, angular_acceleration, alpha):
+    Attributes
+    ----------
+    R, P : ndarray, shape (..., 3, 3) and (..., 3)
+        iRj and iPj, for the base the identity and zero.
+    alpha : ndarray, shape (..., 3)
+        α_j, the acceleration of O_j with gravity subtracted.
+    """
+
+    def __init__(
+        self,
+        R: ScalarArray,
+        P: ScalarArray,
+        omega: ScalarArray,
+        angular_acceleration: ScalarArray,
+        alpha: ScalarArray,
+    ) -> None:
         super().__init__(omega, angular_acceleration)
-        self.R, self.P, self.alpha = R, P, alpha
+        self.R = R
+        self.P = P
+        self.alpha = alpha
 
 
-def _moved(joint, carrier, position, rate, acceleration):
-    """The Motion of the link that a joint moves, from that of its antecedent (eq. 1 to 6)."""
+def link_motions(
+    robot: Robot,
+    q: ScalarArray,
+    qd: ScalarArray,
+    qdd: ScalarArray,
+    base_twist: ScalarArray,
+    base_acceleration: ScalarArray,
+) -> list[LinkMotion]:
+    """LinkMotion of each link by link number (eq. 1 to 6); arguments as for `inverse_dynamics`."""
+    base = LinkMotion(
+        np.eye(3), np.zeros(3), base_twist[..., 3:], base_acceleration[..., 3:], base_acceleration[..., :3]
+    )
+    motions = [base]
+    for j, joint in enumerate(robot.joints, start=1):
+        position = q[..., j - 1 : j]
+        motions.append(_successor_motion(joint, motions[joint.antecedent], position, qd[..., j - 1], qdd[..., j - 1]))
+    return motions
+
+
+def _successor_motion(
+    joint: Joint, antecedent: LinkMotion, position: ScalarArray, rate: ScalarArray, acceleration: ScalarArray
+) -> LinkMotion:
+    """Motion of the link that a joint moves, from that of its antecedent (eq. 1 to 6)."""
     R, P = joint_placement(joint, position)
-    omega = apply_transposed(R, carrier.omega)  # eq. 1a
-    angular_acceleration = apply_transposed(R, carrier.angular_acceleration)  # eq. 3a
-    alpha = apply_transposed(R, carrier.alpha + carrier.times(P))  # eq. 6a, 6b
+    omega = apply_transposed(R, antecedent.omega)  # eq. 1a
+    angular_acceleration = apply_transposed(R, antecedent.angular_acceleration)  # eq. 3a
+    alpha = apply_transposed(R, antecedent.alpha + antecedent.times(P))  # eq. 6a, 6b
     x, y, z = _entries(omega)
     a, b, c = _entries(angular_acceleration)
     if joint.prismatic:
@@ -114,33 +181,59 @@ def _moved(joint, carrier, position, rate, acceleration):
     return LinkMotion(R, P, omega, angular_acceleration, alpha)
 
 
-def _backward(robot, bodies, motions, qdd, external_wrenches):
-    """Joint forces, and the wrench on the base (eq. 7 to 10)."""
-    forces = [None] * len(robot.joints)
-    pushes, moments = [None] * len(robot.links), [None] * len(robot.links)
-    for j in range(len(robot.links) - 1, -1, -1):
-        motion, first = motions[j], bodies.first_moments[j]
-        push = motion.times(first)  # e_j, eq. 7a
-        moment = rotational_moment(bodies.second_moments[j], motion) + cross(first, motion.alpha)  # eq. 9a
-        if j in external_wrenches:
-            push, moment = push + external_wrenches[j][..., :3], moment + external_wrenches[j][..., 3:]
-        push = push if pushes[j] is None else push + pushes[j]
-        moment = moment if moments[j] is None else moment + moments[j]
-        if j == 0:
-            return concatenate_vectors(forces), screw(push + bodies.masses[0] * motion.alpha, moment)
+def _run_backward_pass(
+    robot: Robot,
+    bodies: AugmentedBodies,
+    motions: list[LinkMotion],
+    qdd: ScalarArray,
+    external_wrenches: Mapping[int, ScalarArray],
+) -> tuple[ScalarArray, ScalarArray]:
+    """Joint forces (..., n), and the wrench on the base (..., 6) (eq. 7 to 10)."""
+    joint_forces: list[ScalarArray] = []
+    forces: list[ScalarArray | None] = [None] * len(robot.links)
+    moments: list[ScalarArray | None] = [None] * len(robot.links)
+    for j in range(len(robot.links) - 1, 0, -1):
+        motion = motions[j]
         joint = robot.joints[j - 1]
+        force, moment = _link_wrench(bodies, motion, j, external_wrenches)
+        force = _sum(force, forces[j])
+        moment = _sum(moment, moments[j])
         if joint.prismatic:
-            push = push + bodies.masses[j] * motion.alpha  # f_j, eq. 8
-        along = (push if joint.prismatic else moment)[..., 2:3]
-        forces[j - 1] = along + joint.rotor_inertia * qdd[..., j - 1 : j]  # eq. 10
-        i, force = joint.antecedent, apply(motion.R, push)  # eq. 7b
-        turned = apply(motion.R, moment) + cross(motion.P, force)  # eq. 9b and the last term of 9a
-        pushes[i] = force if pushes[i] is None else pushes[i] + force
-        moments[i] = turned if moments[i] is None else moments[i] + turned
+            force = force + bodies.masses[j] * motion.alpha  # f_j, eq. 8
+        component = (force if joint.prismatic else moment)[..., 2:3]
+        joint_forces.append(component + joint.rotor_inertia * qdd[..., j - 1 : j])  # eq. 10
+        i = joint.antecedent
+        transmitted_force = apply(motion.R, force)  # eq. 7b
+        transmitted_moment = apply(motion.R, moment) + cross(motion.P, transmitted_force)  # eq. 9b, last term of 9a
+        forces[i] = transmitted_force if forces[i] is None else forces[i] + transmitted_force
+        moments[i] = transmitted_moment if moments[i] is None else moments[i] + transmitted_moment
+    force, moment = _link_wrench(bodies, motions[0], 0, external_wrenches)
+    force = _sum(force, forces[0])
+    moment = _sum(moment, moments[0])
+    wrench = screw(force + bodies.masses[0] * motions[0].alpha, moment)
+    return concatenate_vectors(joint_forces[::-1]), wrench
 
 
-def rotational_moment(K, motion):
-    """k a + ω × k ω (..., 3), for a symmetric k (3, 3), each entry of k used as few times as can be."""
+def _link_wrench(
+    bodies: AugmentedBodies, motion: LinkMotion, j: int, external_wrenches: Mapping[int, ScalarArray]
+) -> tuple[ScalarArray, ScalarArray]:
+    """Part of e_j and of the moment (..., 3) that the augmented body j itself requires."""
+    first = bodies.first_moments[j]
+    force = motion.times(first)  # e_j, eq. 7a
+    moment = rotational_moment(bodies.second_moments[j], motion) + cross(first, motion.alpha)  # eq. 9a
+    if j in external_wrenches:
+        force = force + external_wrenches[j][..., :3]
+        moment = moment + external_wrenches[j][..., 3:]
+    return force, moment
+
+
+def _sum(vector: ScalarArray, transmitted: ScalarArray | None) -> ScalarArray:
+    """vector + transmitted (..., 3); None is zero."""
+    return vector if transmitted is None else vector + transmitted
+
+
+def rotational_moment(K: ScalarArray, motion: AngularMotion) -> ScalarArray:
+    """k a + ω × k ω (..., 3) for a symmetric k (3, 3), with the fewest products of its entries."""
     a, b, c = _entries(motion.angular_acceleration)
     B = motion.B
     x = K[0, 0] * a + (K[2, 2] - K[1, 1]) * motion.yz - K[0, 1] * B[2][0] + K[0, 2] * B[1][0]
@@ -153,9 +246,11 @@ def rotational_moment(K, motion):
     )
 
 
-def _entries(vector):
+def _entries(vector: ScalarArray) -> tuple[ScalarArray, ScalarArray, ScalarArray]:
+    """The components (...) of a vector (..., 3)."""
     return vector[..., 0], vector[..., 1], vector[..., 2]
 
 
-def _vector(*entries):
+def _vector(*entries: ScalarArray) -> ScalarArray:
+    """The vector (..., k) of k components (...)."""
     return np.stack(np.broadcast_arrays(*entries), axis=-1)

@@ -2,16 +2,21 @@
 
 import numpy as np
 
-_recorded_sign = np.frompyfunc(lambda scalar: scalar.signum() if hasattr(scalar, "signum") else np.sign(scalar), 1, 1)
+from robot_dynamics.array_types import ScalarArray
+from robot_dynamics.model.robot import Robot
+
+_symbolic_sign = np.frompyfunc(lambda scalar: scalar.signum() if hasattr(scalar, "signum") else np.sign(scalar), 1, 1)
 
 
-def friction(robot, qd):
-    """(..., n) [N m or N]: what an actuator spends on friction at joint velocities qd (..., n); none at rest."""
+def friction(robot: Robot, qd: ScalarArray) -> ScalarArray:
+    """Efforts (..., n) [N m or N] that overcome friction at joint velocities qd (..., n); zero at rest."""
     viscous = np.array([joint.viscous_friction for joint in robot.joints])
     coulomb = np.array([joint.coulomb_friction for joint in robot.joints])
-    return viscous * qd + coulomb * signs(qd)
+    efforts: ScalarArray = viscous * qd + coulomb * signs(qd)
+    return efforts
 
 
-def signs(rates):
-    """-1, 0 or 1 of each rate; of symbols, the operation `signum`."""
-    return np.sign(rates) if np.asarray(rates).dtype != object else _recorded_sign(rates)
+def signs(rates: ScalarArray) -> ScalarArray:
+    """Sign of each rate: -1, 0 or 1; the operation `signum` for symbols."""
+    result: ScalarArray = np.sign(rates) if np.asarray(rates).dtype != object else _symbolic_sign(rates)
+    return result

@@ -1,12 +1,15 @@
-"""Springs and dampers at joints: k Δq + c q̇, Δq = q - q₀ (Khalil, section 6), what they demand of a motor there."""
+"""Efforts that springs and dampers at joints require: k Δq + c q̇ with Δq = q - q₀ (Khalil, section 6)."""
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
+from robot_dynamics.model.robot import Robot
 
-def spring_force(robot, q, qd):
-    """(..., n) [N m or N] at joint positions q and velocities qd (..., n); zero where a joint has no spring.
 
-    What an elastic joint exerts on the link that it moves is the opposite.
+def spring_force(robot: Robot, q: ScalarArray, qd: ScalarArray) -> ScalarArray:
+    """Efforts (..., n) [N m or N] at joint positions q and velocities qd (..., n); zero for joints without a spring.
+
+    The spring of an elastic joint exerts the opposite on the link that it moves.
     """
     springs = [joint.spring for joint in robot.joints]
     if not any(springs):
@@ -14,4 +17,5 @@ def spring_force(robot, q, qd):
     stiffness = np.array([spring.stiffness if spring else 0.0 for spring in springs])
     rest = np.array([spring.rest if spring else 0.0 for spring in springs])
     damping = np.array([spring.damping if spring else 0.0 for spring in springs])
-    return stiffness * (q - rest) + damping * qd
+    efforts: ScalarArray = stiffness * (q - rest) + damping * qd
+    return efforts

@@ -1,26 +1,35 @@
-"""Linear systems in batches. Those over generic scalars are symmetric positive definite: no pivoting, no branch on
-values."""
+"""Linear systems in batches.
+
+`factor` and `solve` take generic scalars: symmetric positive definite matrices, no pivoting, no branch on values.
+"""
+
+from typing import TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ScalarArray
 
-def factor(matrix):
-    """L and D of matrix = L diag(D) Lᵀ, for a symmetric matrix (..., m, m): L as rows of columns, D as a list.
+MIN_INERTIA_RATIO = 1e-14
+"""Pivot of an inertia matrix, as a part of its entry of the diagonal, below which it is rounding."""
 
-    The matrix is positive definite where, and only where, every entry of D is positive.
-    """
+Factors: TypeAlias = tuple[list[list[ScalarArray]], list[ScalarArray]]
+"""L and D of L diag(D) Lᵀ: of each row of L its entries (...) left of the diagonal, and the entries (...) of D."""
+
+
+def factor(matrix: ScalarArray) -> Factors:
+    """Factors of a symmetric matrix (..., m, m). It is positive definite if and only if all of D is positive."""
     size = matrix.shape[-1]
-    L = [[None] * size for _ in range(size)]
-    D = []
+    L: list[list[ScalarArray]] = [[] for _ in range(size)]
+    D: list[ScalarArray] = []
     for j in range(size):
         scaled = [L[j][k] * D[k] for k in range(j)]
         D.append(matrix[..., j, j] - sum(L[j][k] * scaled[k] for k in range(j)))
         for i in range(j + 1, size):
-            L[i][j] = (matrix[..., i, j] - sum(L[i][k] * scaled[k] for k in range(j))) / D[j]
+            L[i].append((matrix[..., i, j] - sum(L[i][k] * scaled[k] for k in range(j))) / D[j])
     return L, D
 
 
-def solve(factors, right_side):
+def solve(factors: Factors, right_side: ScalarArray) -> ScalarArray:
     """x (..., m) of L diag(D) Lᵀ x = right_side (..., m)."""
     L, D = factors
     size = len(D)
@@ -33,7 +42,7 @@ def solve(factors, right_side):
     return np.stack(np.broadcast_arrays(*x), axis=-1)
 
 
-def solve_each(matrix: np.ndarray, right_side: np.ndarray) -> np.ndarray:
+def solve_each(matrix: Array, right_side: Array) -> Array:
     """Solve one square system of numbers per sample; the same on NumPy 1.26 and 2.
 
     `np.linalg.solve` itself reads a right side of shape (m, 1) beside matrices of shape (N, m, m) as m vectors of
@@ -41,18 +50,20 @@ def solve_each(matrix: np.ndarray, right_side: np.ndarray) -> np.ndarray:
 
     Parameters
     ----------
-    matrix : (..., m, m)
-    right_side : (..., m); its batch axes broadcast with those of `matrix`.
+    matrix : ndarray, shape (..., m, m)
+    right_side : ndarray, shape (..., m)
+        Its batch axes broadcast with those of `matrix`.
 
     Returns
     -------
-    x : (..., m), such that matrix @ x = right_side.
+    ndarray, shape (..., m)
+        x with matrix @ x = right_side.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        Where a matrix is singular.
+        A matrix is singular.
     """
     batch = np.broadcast_shapes(matrix.shape[:-2], right_side.shape[:-1])
     columns = np.broadcast_to(right_side, (*batch, right_side.shape[-1]))[..., None]
-    return np.linalg.solve(matrix, columns)[..., 0]
+    return np.asarray(np.linalg.solve(matrix, columns)[..., 0])

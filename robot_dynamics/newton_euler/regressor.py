@@ -1,14 +1,18 @@
-"""The regressor: joint efforts are linear in the inertial parameters, Γ = Y θ.
+"""Regressor: joint efforts are linear in the inertial parameters, Γ = Y θ.
 
-The parameters of a link are XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M, all about the origin of its frame, then Ia, Fv, Fs
-of its joint; link 0 has the first ten where the base moves. Column by column, the wrench that a link with this
-parameter 1 and the others 0 demands is handed down to the base.
+The parameters of a link are XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M about the origin of its frame, then Ia, Fv, Fs of its
+joint. Link 0 has the first ten where the base moves. Each column is the wrench that a link requires with this parameter
+1 and the others 0, transmitted to the base.
 """
+
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_entries
-from robot_dynamics.newton_euler.augmented import link_motions, rotational_moment
+from robot_dynamics.model.robot import Robot
+from robot_dynamics.newton_euler.augmented import LinkMotion, link_motions, rotational_moment
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import axis_row
 from robot_dynamics.newton_euler.screw import apply, cross, screw
@@ -17,17 +21,18 @@ LINK_PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 JOINT_PARAMETERS = ("Ia", "Fv", "Fs")
 
 
-def parameter_names(robot):
+def parameter_names(robot: Robot) -> tuple[str, ...]:
     """Names of the columns: `XX.link`, ... `M.link`, `Ia.joint`, `Fv.joint`, `Fs.joint`, link by link."""
     names = [f"{key}.{robot.base_link}" for key in LINK_PARAMETERS] if robot.moving_base else []
     for joint, link in zip(robot.joints, robot.links[1:], strict=True):
-        names += [f"{key}.{link.name}" for key in LINK_PARAMETERS] + [f"{key}.{joint.name}" for key in JOINT_PARAMETERS]
+        names += [f"{key}.{link.name}" for key in LINK_PARAMETERS]
+        names += [f"{key}.{joint.name}" for key in JOINT_PARAMETERS]
     return tuple(names)
 
 
-def parameters(robot):
-    """θ (p,): what the columns of `parameter_names` are of this robot."""
-    values = []
+def parameters(robot: Robot) -> Array:
+    """θ (p,): values of `parameter_names` for this robot."""
+    values: list[float] = []
     for number, link in enumerate(robot.links):
         if number > 0 or robot.moving_base:
             inertia = link.inertia
@@ -38,16 +43,36 @@ def parameters(robot):
     return np.array(values)
 
 
-def regressor(robot, q, qd, qdd, base_twist, base_acceleration, links=None):
-    """Y (..., m, p): m = n joints, or 6 + n rows with a moving base, whose wrench comes first.
+def regressor(
+    robot: Robot,
+    q: ScalarArray,
+    qd: ScalarArray,
+    qdd: ScalarArray,
+    base_twist: ScalarArray,
+    base_acceleration: ScalarArray,
+    links: Collection[int] | None = None,
+) -> ScalarArray:
+    """Regressor Y of the joint efforts.
 
-    q, qd, qdd: (..., n); base_twist: 0V0 and base_acceleration: 0V̇0 (..., 6), gravity taken off, in frame 0; links:
-    numbers of those of which the columns are computed, with those of their joints, if not all.
+    Parameters
+    ----------
+    robot : Robot
+    q, qd, qdd : ndarray, shape (..., n)
+    base_twist, base_acceleration : ndarray, shape (..., 6)
+        0V0 and 0V̇0, gravity subtracted, in frame 0.
+    links : collection of int, optional
+        Numbers of the links whose columns are computed, with those of their joints. By default all.
+
+    Returns
+    -------
+    ndarray, shape (..., m, p)
+        m = n, or 6 + n with a moving base, whose wrench comes first.
     """
     motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration)
-    base, joints = (6 if robot.moving_base else 0), len(robot.joints)
+    base = 6 if robot.moving_base else 0
+    joints = len(robot.joints)
     zero = 0 * (q[..., 0] if joints else base_acceleration[..., 0])
-    columns = []
+    columns: list[list[ScalarArray]] = []
     for number, motion in enumerate(motions):
         if links is not None and number not in links:
             continue
@@ -55,10 +80,10 @@ def regressor(robot, q, qd, qdd, base_twist, base_acceleration, links=None):
             for wrench in _unit_wrenches(motion):
                 columns.append(_rows(robot, motions, number, wrench, base, zero))
         if number > 0:
-            row, rate = base + number - 1, qd[..., number - 1]
+            rate = qd[..., number - 1]
             for entry in (qdd[..., number - 1], rate, signs(rate)):
                 column = [zero] * (base + joints)
-                column[row] = entry
+                column[base + number - 1] = entry
                 columns.append(column)
     if not columns:
         return np.zeros((base + joints, 0))
@@ -66,23 +91,27 @@ def regressor(robot, q, qd, qdd, base_twist, base_acceleration, links=None):
     return np.stack(np.broadcast_arrays(*stacked), axis=-1)
 
 
-def _unit_wrenches(motion):
-    """What a link that moves like this demands for each of BODY (..., 6), in its frame."""
-    nothing = 0 * motion.alpha
+def _unit_wrenches(motion: LinkMotion) -> Iterator[ScalarArray]:
+    """Wrench (..., 6) that a link with this motion requires for each of LINK_PARAMETERS, in its frame."""
+    zero = 0 * motion.alpha
     for row, column in INERTIA_ENTRIES.values():
         K = np.zeros((3, 3), dtype=int)
-        K[row, column] = K[column, row] = 1
-        yield screw(nothing, rotational_moment(K, motion))
+        K[row, column] = 1
+        K[column, row] = 1
+        yield screw(zero, rotational_moment(K, motion))
     for axis in np.eye(3, dtype=int):
-        yield screw(motion.times(axis), cross(axis + nothing, motion.alpha))
-    yield screw(motion.alpha, nothing)
+        yield screw(motion.times(axis), cross(axis + zero, motion.alpha))
+    yield screw(motion.alpha, zero)
 
 
-def _rows(robot, motions, number, wrench, base, zero):
-    """What a wrench on link `number` is in the rows of the base and of the joints that carry it."""
+def _rows(
+    robot: Robot, motions: list[LinkMotion], number: int, wrench: ScalarArray, base: int, zero: ScalarArray
+) -> list[ScalarArray]:
+    """Components (...) of a wrench (..., 6) on a link in the rows of the base and of the joints on its path."""
     rows = [zero] * (base + len(robot.joints))
     while number > 0:
-        joint, motion = robot.joints[number - 1], motions[number]
+        joint = robot.joints[number - 1]
+        motion = motions[number]
         rows[base + number - 1] = wrench[..., axis_row(joint)]
         force = apply(motion.R, wrench[..., :3])
         wrench = screw(force, apply(motion.R, wrench[..., 3:]) + cross(motion.P, force))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE
 from robot_dynamics.errors import InvalidInputError
@@ -21,7 +22,7 @@ from robot_dynamics.parallel.platform_arguments import (
 )
 from robot_dynamics.parallel.platform_closure import PlatformClosure
 from robot_dynamics.parallel.platform_motion import AngleRates, ChartRates, PlatformRates, pose_from_coordinates
-from robot_dynamics.results import JointMotion, broadcast_result
+from robot_dynamics.results import JointMotion
 
 if TYPE_CHECKING:
     from robot_dynamics.constraints.closure_solver import ClosureSolver

@@ -17,7 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.constraints.attitude_charts import angles_from_rotation, axis_rotation, nearest_angles, rotation
+from robot_dynamics.constraints.attitude_angles import (
+    angles_from_rotation,
+    axis_rotation,
+    nearest_angles,
+    rotation_from_angles,
+)
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.newton_euler.linear import solve_each
@@ -45,7 +50,7 @@ def coordinates_from_pose(pose: Array, near: Array | None = None) -> Array:
 def pose_from_coordinates(x: Array) -> Array:
     """Return poses (..., 4, 4) of coordinates x, y, z, yaw, pitch, roll (..., 6) [m, rad]."""
     pose = np.zeros((*x.shape[:-1], 4, 4))
-    pose[..., :3, :3] = rotation(x[..., 3:])
+    pose[..., :3, :3] = rotation_from_angles(x[..., 3:])
     pose[..., :3, 3] = x[..., :3]
     pose[..., 3, 3] = 1
     return pose
@@ -56,7 +61,7 @@ def twist_matrix(x: Array) -> Array:
     matrix = np.zeros((*x.shape[:-1], 6, 6))
     sine = np.sin(x[..., 4:])  # of pitch and roll
     cosine = np.cos(x[..., 4:])
-    matrix[..., :3, :3] = np.swapaxes(rotation(x[..., 3:]), -1, -2)
+    matrix[..., :3, :3] = np.swapaxes(rotation_from_angles(x[..., 3:]), -1, -2)
     matrix[..., 3, 3] = -sine[..., 0]
     matrix[..., 3, 5] = 1
     matrix[..., 4, 3] = cosine[..., 0] * sine[..., 1]
@@ -126,19 +131,19 @@ class ChartRates:
     @staticmethod
     def twist(x: Array, rates: Array) -> Array:
         """Return the twist of rates."""
-        linear = apply_transposed(rotation(x[..., 3:]), rates[..., :3])
+        linear = apply_transposed(rotation_from_angles(x[..., 3:]), rates[..., :3])
         return _concatenate(linear, _in_platform(x, rates[..., :2:-1]))
 
     @staticmethod
     def acceleration(x: Array, rates: Array, rate_derivatives: Array) -> Array:
         """Return the acceleration of rates and their derivatives."""
-        linear = apply_transposed(rotation(x[..., 3:]), rate_derivatives[..., :3])
+        linear = apply_transposed(rotation_from_angles(x[..., 3:]), rate_derivatives[..., :3])
         angular = (rate_derivatives[..., 3:] - _chart_drift(rates))[..., ::-1]
         return _concatenate(linear, _in_platform(x, angular))
 
 
 def _in_base(x: Array, vector: Array) -> Array:
-    return apply(rotation(x[..., 3:]), vector)
+    return apply(rotation_from_angles(x[..., 3:]), vector)
 
 
 def _in_chart(x: Array, vector: Array) -> Array:

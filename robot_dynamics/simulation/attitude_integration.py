@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.constraints import attitude_charts
+from robot_dynamics.constraints import attitude_angles, attitude_charts
 from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
 
 if TYPE_CHECKING:
@@ -75,8 +75,8 @@ class AttitudeIntegration:
             return x
         q: Array = x.copy()
         for joints, angles in local_charts:
-            R = attitude_charts.rotation(angles) @ exponential(x[joints])
-            q[joints] = attitude_charts.nearest_angles(R, angles) + self._offset[joints]
+            R = attitude_angles.rotation_from_angles(angles) @ exponential(x[joints])
+            q[joints] = attitude_angles.nearest_angles(R, angles) + self._offset[joints]
         return q
 
     def variable_rates(self, x: Array, q: Array, rates: Array, local_charts: Sequence[LocalAttitudeChart]) -> Array:
@@ -89,7 +89,7 @@ class AttitudeIntegration:
         x_rates = self.joint_velocities(q, rates)
         for joints, _ in local_charts:
             roll = self._angles(q, joints)[2]
-            omega = attitude_charts.axis_rotation(0, roll).T @ rates[joints][::-1]  # in the axes of the platform
+            omega = attitude_angles.axis_rotation(0, roll).T @ rates[joints][::-1]  # in the axes of the platform
             x_rates[joints] = rotation_vector_rate(x[joints], omega)
         return x_rates
 

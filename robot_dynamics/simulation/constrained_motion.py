@@ -17,9 +17,11 @@ import numpy as np
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.constraints import attitude_charts
+from robot_dynamics.constraints.branch_tracker import BranchTracker
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
+from robot_dynamics.constraints.state import charted_state_at
 from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.attitude_integration import AttitudeIntegration
@@ -131,7 +133,7 @@ class ConstrainedMotion:
             The loops do not close near q.
         """
         partition, step = self._partition(coordinates.independent)
-        result = partition.project_onto_constraints(self.non_mimic_positions(q)[None], step, tolerance)
+        result = BranchTracker(partition, step).project_onto_constraints(self.non_mimic_positions(q)[None], tolerance)
         if not result.is_closed[0]:
             self.raise_singular(q, "do not close near the integrated positions")
         return self.all_positions(result.t[0]), float(result.quality[0])
@@ -143,7 +145,7 @@ class ConstrainedMotion:
     def constrained_state(self, coordinates: LoopCoordinates, q: Array) -> ConstrainedState:
         """The constrained state at positions q (all joints,), with the independent joints of the coordinates."""
         partition, _ = self._partition(coordinates.independent)
-        return partition.charted_state_at(q)
+        return charted_state_at(partition, q)
 
     def limit_substep(
         self, length: float, shortest: float, coordinates: LoopCoordinates, q: Array, velocities: Array

@@ -5,7 +5,7 @@ no quaternion has to be normalised. Source of both formulas: Iserles, Munthe-Kaa
 Acta Numerica 9 (2000), appendix B.
 
 The functions compute on Python floats: they run several times in each step, where arrays of three numbers would cost
-ten times as much. `constraints.attitude_charts.rotation_exponential` is the exponential for batches.
+ten times as much. `constraints.attitude_angles.rotation_exponential` is the exponential for batches.
 """
 
 from math import cos, sin, sqrt

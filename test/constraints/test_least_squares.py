@@ -1,4 +1,4 @@
-"""Least squares by reflections, block by block, are those of the pseudoinverse, for one matrix and for many."""
+"""Least squares by Householder reflections of blocks agree with the pseudoinverse, for single matrices and batches."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from robot_dynamics.constraints.least_squares import factor_bordered, least_norm
 
 
 def blocks_of_random_sizes(rng):
-    """(a Partition, rows, columns) with as many rows as columns or more, columns in disorder."""
+    """(a Partition, rows, columns) with at least as many rows as columns, columns in random order."""
     count = rng.integers(1, 4)
     rows = rng.integers(1, 5, count)
     own = [int(rng.integers(0, size + 1)) for size in rows]
@@ -31,12 +31,12 @@ def matrices(seed, batch=(5,)):
         for k in (*own, *blocks.border):
             matrix[..., block, k] = rng.normal(size=matrix[..., block, k].shape)
     if rows > 1:
-        matrix[..., 0, :] *= rng.integers(0, 2)  # reflections begin with entries that are zero
+        matrix[..., 0, :] *= rng.integers(0, 2)  # vectors whose first entry is zero
     return matrix, blocks, rng
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_solutions_are_those_of_the_pseudoinverse(seed):
+def test_solutions_agree_with_the_pseudoinverse(seed):
     matrix, blocks, rng = matrices(seed)
     if matrix.shape[-1] == 0 or np.linalg.cond(matrix).max() > 1e5:
         return
@@ -44,28 +44,28 @@ def test_solutions_are_those_of_the_pseudoinverse(seed):
     right, left = rng.normal(size=(5, matrix.shape[-2], 3)), rng.normal(size=(5, matrix.shape[-1], 3))
     scale = np.abs(inverse).max()
     np.testing.assert_allclose(least_squares(factors, right), inverse @ right, atol=1e-9 * scale)
-    found = least_norm(factors, left)
-    np.testing.assert_allclose(found, np.swapaxes(inverse, -1, -2) @ left, atol=1e-9 * scale)
-    one = factor_bordered(matrix[2], blocks)
-    np.testing.assert_allclose(least_squares(one, right[2]), least_squares(factors, right)[2], atol=1e-12 * scale)
-    np.testing.assert_allclose(least_norm(one, left[2]), found[2], atol=1e-12 * scale)
+    computed = least_norm(factors, left)
+    np.testing.assert_allclose(computed, np.swapaxes(inverse, -1, -2) @ left, atol=1e-9 * scale)
+    single = factor_bordered(matrix[2], blocks)
+    np.testing.assert_allclose(least_squares(single, right[2]), least_squares(factors, right)[2], atol=1e-12 * scale)
+    np.testing.assert_allclose(least_norm(single, left[2]), computed[2], atol=1e-12 * scale)
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_pivots_are_what_columns_have_besides_those_before_them(seed):
+def test_pivots_are_squared_distances_of_columns_to_those_before_them(seed):
     matrix, blocks, _ = matrices(seed, batch=())
     factors = factor_bordered(matrix, blocks)
-    before = [[*own[:k]] for own in blocks.columns for k in range(len(own))]
+    preceding = [[*own[:k]] for own in blocks.columns for k in range(len(own))]
     columns = [k for own in blocks.columns for k in own]
-    before += [[*columns, *blocks.border[:k]] for k in range(len(blocks.border))]
-    for column, others in zip([*columns, *blocks.border], before, strict=True):
-        a, A = matrix[:, column], matrix[:, others]
-        rest = a - A @ (np.linalg.pinv(A) @ a) if others else a
+    preceding += [[*columns, *blocks.border[:k]] for k in range(len(blocks.border))]
+    for column, preceding_columns in zip([*columns, *blocks.border], preceding, strict=True):
+        a, A = matrix[:, column], matrix[:, preceding_columns]
+        rest = a - A @ (np.linalg.pinv(A) @ a) if preceding_columns else a
         assert factors.pivots[column] == pytest.approx(rest @ rest, rel=1e-6, abs=1e-9)
         assert factors.squared_norms[column] == pytest.approx(a @ a)
 
 
-def test_the_program_of_a_solution_is_the_solution_and_folds_what_blocks_do_not_share():
+def test_traced_solution_agrees_and_folds_zero_blocks():
     """Two blocks of three rows with two columns each and a border of two, and one matrix of the same size, dense."""
     rng, counts = np.random.default_rng(0), []
     for rows, columns in (([3, 3], [[0, 1], [2, 3]]), ([6], [[0, 1, 2, 3, 4, 5]])):
@@ -80,8 +80,8 @@ def test_the_program_of_a_solution_is_the_solution_and_folds_what_blocks_do_not_
         factors = factor_bordered(A, blocks)
         x, y = least_squares(factors, b[:, None])[:, 0], least_norm(factors, b[:, None])[:, 0]
         program = build_program(trace, "solution", {"A": 36, "b": 6}, {"x": x, "y": y})
-        found = python_function(program)(matrix.ravel(), right)
-        np.testing.assert_allclose(found[0], np.linalg.solve(matrix, right), rtol=1e-9)
-        np.testing.assert_allclose(found[1], np.linalg.solve(matrix.T, right), rtol=1e-9)
+        computed = python_function(program)(matrix.ravel(), right)
+        np.testing.assert_allclose(computed[0], np.linalg.solve(matrix, right), rtol=1e-9)
+        np.testing.assert_allclose(computed[1], np.linalg.solve(matrix.T, right), rtol=1e-9)
         counts.append(program.operations.multiplications)
     assert counts[0] < 0.6 * counts[1]

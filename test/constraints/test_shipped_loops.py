@@ -1,5 +1,5 @@
-"""Robots with loops that ship: they close wherever their limits let them go, as relations in closed form say, and move
-as their sources print it, and as multipliers on maximal coordinates have it."""
+"""Shipped robots with loops: they close within their limits and satisfy closed-form relations; their motion agrees with
+its published source and with multipliers on maximal coordinates."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from robot_dynamics.model.joint import Spring
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
 BARE = [
     name for name in LOOPED if not load_robot(name).platforms
-]  # of the others parallel.test_shipped_platforms says it
+]  # of the others parallel.test_shipped_platforms tests the others
 
 
 def within_limits(dynamics, samples):
@@ -29,7 +29,7 @@ def joints(dynamics, values, names):
     return values[..., [dynamics.all_joint_names.index(name) for name in names.split()]]
 
 
-def test_a_robot_of_each_kind_ships():
+def test_shipped_robots_include_each_kind_of_loop():
     assert {"sr400", "irb460", "four_bar", "five_bar", "bricard", "andrews_squeezer"} <= set(LOOPED)
 
 
@@ -49,11 +49,11 @@ def test_loops_close_far_from_singular_everywhere_within_the_limits(name):
 def test_initial_positions_are_closed_and_within_the_limits(name):
     robot = load_robot(name)
     dynamics = Dynamics(robot)
-    begin = np.array([joint.initial_position for joint in robot.joints])
-    q = joints(dynamics, begin, " ".join(dynamics.joint_names))
+    initial = np.array([joint.initial_position for joint in robot.joints])
+    q = joints(dynamics, initial, " ".join(dynamics.joint_names))
     lower, upper = limits_of(dynamics)
     assert np.all((lower <= q) & (q <= upper))
-    np.testing.assert_allclose(dynamics.expand_positions(q), begin, atol=0.01)
+    np.testing.assert_allclose(dynamics.expand_positions(q), initial, atol=0.01)
 
 
 @pytest.mark.parametrize("name", BARE)
@@ -65,88 +65,88 @@ def test_both_models_agree_with_multipliers_on_maximal_coordinates(name):
     for q in within_limits(dynamics, 10):
         qd, qdd = rng.uniform(-2, 2, (2, count))
         positions = dynamics.expand_positions(q)
-        everyone = positions, dynamics.expand_velocities(qd, positions)
-        told = np.full(len(positions), np.nan)
-        told[independent] = qdd
-        answer = dynamics.solve(positions, qd, qdd=qdd)
-        found = peer.inverse(*everyone, told)
-        scale = np.abs(answer.efforts).max()
-        np.testing.assert_allclose(answer.efforts, found.efforts[independent], rtol=1e-8, atol=1e-8 * scale)
-        pushed = peer.direct(*everyone, found.efforts)
-        found = dynamics.direct(positions, qd, answer.efforts)
-        np.testing.assert_allclose(found, pushed.accelerations[independent], rtol=1e-8, atol=1e-8)
+        closed_state = positions, dynamics.expand_velocities(qd, positions)
+        partial_seed = np.full(len(positions), np.nan)
+        partial_seed[independent] = qdd
+        result = dynamics.solve(positions, qd, qdd=qdd)
+        computed = peer.inverse(*closed_state, partial_seed)
+        scale = np.abs(result.efforts).max()
+        np.testing.assert_allclose(result.efforts, computed.efforts[independent], rtol=1e-8, atol=1e-8 * scale)
+        accelerated = peer.direct(*closed_state, computed.efforts)
+        computed = dynamics.direct(positions, qd, result.efforts)
+        np.testing.assert_allclose(computed, accelerated.accelerations[independent], rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("compiled", [False, True])
 @pytest.mark.parametrize("batch", [(0,), (0, 3), (3, 0)])
 @pytest.mark.parametrize("name", ["five_bar", "sr400"])
-def test_batches_without_samples_have_answers_without_samples(name, batch, compiled):
+def test_empty_batches_have_empty_results(name, batch, compiled):
     dynamics = Dynamics(load_robot(name), compiled=compiled)
     if compiled:
         for model in ("inverse", "direct", "gravity", "coriolis", "inertia_matrix", "closure"):
             dynamics.compile(model)
-    count, every = len(dynamics.joint_names), len(dynamics.all_joint_names)
-    nothing = np.zeros((*batch, count))
-    for q in (nothing, np.zeros((*batch, every))):
-        assert dynamics.expand_positions(q).shape == (*batch, every)
-        for found in (
-            dynamics.inverse(q, nothing, nothing),
-            dynamics.direct(q, nothing, nothing),
+    count, joint_count = len(dynamics.joint_names), len(dynamics.all_joint_names)
+    no_sample = np.zeros((*batch, count))
+    for q in (no_sample, np.zeros((*batch, joint_count))):
+        assert dynamics.expand_positions(q).shape == (*batch, joint_count)
+        for computed in (
+            dynamics.inverse(q, no_sample, no_sample),
+            dynamics.direct(q, no_sample, no_sample),
             dynamics.gravity(q),
-            dynamics.coriolis(q, nothing),
-            dynamics.friction(nothing, q),
+            dynamics.coriolis(q, no_sample),
+            dynamics.friction(no_sample, q),
             dynamics.equilibrium(q).efforts,
         ):
-            assert found.shape == (*batch, count)
-        assert dynamics.solve(q, nothing, qdd=nothing).reactions.shape == (*batch, 1 + every, 6)
+            assert computed.shape == (*batch, count)
+        assert dynamics.solve(q, no_sample, qdd=no_sample).reactions.shape == (*batch, 1 + joint_count, 6)
         assert dynamics.inertia_matrix(q).shape == (*batch, count, count)
         if len(batch) == 1:
-            assert dynamics.expand_trajectory(q).shape == (*batch, every)
+            assert dynamics.expand_trajectory(q).shape == (*batch, joint_count)
 
 
 @pytest.mark.parametrize("name", LOOPED)
-def test_positions_of_some_joints_in_loops_choose_the_assembly_mode_of_all(name):
-    """Of all but one, or of one alone, where they are in the initial mode: what is told stays as it is."""
+def test_partial_seed_chooses_the_assembly_mode(name):
+    """Seeds of one or several joints in the initial mode; joints with a seed keep their positions."""
     dynamics, rng = Dynamics(load_robot(name), compiled=False), np.random.default_rng(3)
     looped = [dynamics.all_joint_names.index(joint) for joint in dynamics.dependent_joint_names]
     expected = dynamics.expand_positions(within_limits(dynamics, 40))
-    told = expected.copy()
-    for sample in told:
+    partial_seed = expected.copy()
+    for sample in partial_seed:
         sample[rng.choice(looped, rng.integers(1, len(looped)), replace=False)] = np.nan
-    found = dynamics.expand_positions(told)
-    turns = (found - expected) / (2 * np.pi)
-    assert np.abs((found - told)[~np.isnan(told)]).max() < 1e-9
-    if name != "bricard":  # of which a joint may be told that does not tell the mode
+    computed = dynamics.expand_positions(partial_seed)
+    turns = (computed - expected) / (2 * np.pi)
+    assert np.abs((computed - partial_seed)[~np.isnan(partial_seed)]).max() < 1e-9
+    if name != "bricard":  # a seed of one of its joints may not determine the mode
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
 
 
-def test_a_sample_of_which_nothing_is_told_is_closed_as_if_it_were_alone():
-    """Beside one whose apex is on the other side."""
+def test_sample_without_seed_in_a_batch_is_closed_as_alone():
+    """Beside a sample whose apex is on the other side."""
     dynamics = Dynamics(load_robot("five_bar"), compiled=False)
     looped = [dynamics.all_joint_names.index(joint) for joint in dynamics.dependent_joint_names]
     for q in within_limits(dynamics, 10):
-        here = dynamics.expand_positions(q)
-        silent, other = here.copy(), other_mode(dynamics, here, looped)
-        silent[looped] = np.nan
-        found = dynamics.expand_positions([silent, other, silent])
-        np.testing.assert_allclose(found, [here, other, here], atol=1e-11)
+        first_mode = dynamics.expand_positions(q)
+        no_seed, second_mode = first_mode.copy(), second_mode_of(dynamics, first_mode, looped)
+        no_seed[looped] = np.nan
+        computed = dynamics.expand_positions([no_seed, second_mode, no_seed])
+        np.testing.assert_allclose(computed, [first_mode, second_mode, first_mode], atol=1e-11)
 
 
-def other_mode(dynamics, here, looped):
+def second_mode_of(dynamics, first_mode, looped):
     """Positions in another assembly mode, the same of the independent joints."""
-    other = here.copy()
+    second_mode = first_mode.copy()
     for start in np.random.default_rng(0).uniform(-3, 3, (50, len(looped))):
-        other[looped] = start
+        second_mode[looped] = start
         try:
-            found = dynamics.expand_positions(other)
+            computed = dynamics.expand_positions(second_mode)
         except SingularModelError:
             continue
-        if np.abs((found - here + np.pi) % (2 * np.pi) - np.pi).max() > 0.1:
-            return found
-    raise AssertionError("no other assembly mode was found")
+        if np.abs((computed - first_mode + np.pi) % (2 * np.pi) - np.pi).max() > 0.1:
+            return computed
+    raise AssertionError("no second assembly mode was found")
 
 
-def test_sr400_closes_as_its_table_says():
+def test_sr400_closes_as_in_its_table():
     """theta3 = pi/2 - theta2 + theta7, theta8 = theta2 - theta7, theta9 = pi - theta2 + theta7, by hand."""
     dynamics = Dynamics(load_robot("sr400"))
     q = dynamics.expand_positions(within_limits(dynamics, 1000))
@@ -190,7 +190,7 @@ def test_bricard_closes_as_threefold_symmetric_linkages_do():
     np.testing.assert_allclose(phi + psi + phi * psi, 0, atol=1e-12)
 
 
-def test_bricard_falls_as_exudyn_has_it():
+def test_bricard_falls_as_in_exudyn():
     """Let go for 1 s. Exudyn's test of the same mechanism (TestModels/bricardMechanism.py) expects 4.172189649307425
     after 1000 steps: the length of all displacements of its bodies' origins and Euler parameters, and the number of
     degrees of freedom, that of redundant equations and an eigenvalue, taken to be 1, 1 and 0 here. Rods thicker by 1 %
@@ -203,13 +203,13 @@ def test_bricard_falls_as_exudyn_has_it():
     for number, edge in enumerate(EDGES, start=1):
         before, after = (dynamics.link_pose(f"rod_{number}", [q]) for q in (0.0, motion.y[0, -1]))
         displaced.append(after[:3, 3] - before[:3, 3])
-        turned = in_benchmark(after) * in_benchmark(before).inv() * edge
-        parameters = turned.as_quat() * np.sign(turned.as_quat() @ edge.as_quat())
+        rotated = in_benchmark(after) * in_benchmark(before).inv() * edge
+        parameters = rotated.as_quat() * np.sign(rotated.as_quat() @ edge.as_quat())
         displaced.append(parameters - edge.as_quat())
     assert np.linalg.norm(np.concatenate(displaced)) == pytest.approx(4.172189649307425 - 2, abs=5e-6)
 
 
-# the orientations in which Exudyn's rods begin, told in the axes of the benchmark, whose y points upwards
+# the orientations in which Exudyn's rods begin, in the axes of the benchmark, whose y points upwards
 EDGES = [Rotation.from_euler(axis, angle, degrees=True)
          for axis, angle in (("z", 0), ("z", -90), ("y", -90), ("z", 180), ("z", 90))]  # fmt: skip
 
@@ -222,33 +222,33 @@ SQUEEZER = "beta theta gamma phi delta omega epsilon"
 
 
 def spring_of_the_squeezer(dynamics, q):
-    """What the spring of Andrews' mechanism does to the frame `spring`, in its axes."""
+    """Wrench of the spring of Andrews' mechanism on the frame `spring`, in its axes."""
     pose = dynamics.link_pose("spring", q)
-    way = np.array([0.014, 0.072, 0]) - pose[:3, 3]
-    force = 4530 * (1 - 0.07785 / np.linalg.norm(way)) * way
+    displacement = np.array([0.014, 0.072, 0]) - pose[:3, 3]
+    force = 4530 * (1 - 0.07785 / np.linalg.norm(displacement)) * displacement
     return {"spring": [*(pose[:3, :3].T @ force), 0, 0, 0]}
 
 
-def squeezed(dynamics, q, qd):
-    """The Answer of Andrews' mechanism, driven by its motor and its spring."""
+def solve_squeezer(dynamics, q, qd):
+    """DynamicsResult of Andrews' mechanism under its motor and its spring."""
     q = dynamics.expand_positions(q)
     return dynamics.solve(q, qd, efforts=[0.033], external_wrenches=spring_of_the_squeezer(dynamics, q))
 
 
-def test_squeezer_begins_as_published():
+def test_squeezer_has_the_published_initial_accelerations():
     """Initial positions and accelerations printed in the Test Set for IVP Solvers, problem Andrews."""
     dynamics = Dynamics(load_robot("andrews_squeezer"))
-    answer = squeezed(dynamics, [-0.0617138900142764496], [0])
+    result = solve_squeezer(dynamics, [-0.0617138900142764496], [0])
     published = [-0.0617138900142764496, 0, 0.455279819163070380, 0.222668390165885885, 0.487364979543842550,
                  -0.222668390165885885, 1.23054744454982119]  # fmt: skip
-    np.testing.assert_allclose(joints(dynamics, answer.motion.positions, SQUEEZER), published, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(joints(dynamics, result.motion.positions, SQUEEZER), published, rtol=0, atol=1e-14)
     published = [14222.4439199541138706, -10666.8329399655854, 0, 0, 0, 0, 0]
     np.testing.assert_allclose(
-        joints(dynamics, answer.motion.accelerations, SQUEEZER), published, rtol=1e-12, atol=1e-7
+        joints(dynamics, result.motion.accelerations, SQUEEZER), published, rtol=1e-12, atol=1e-7
     )
 
 
-def test_squeezer_moves_as_published():
+def test_squeezer_has_the_published_final_state():
     """Its state at 0.03 s, after two and a half turns, as printed in the Test Set for IVP Solvers, problem Andrews."""
     dynamics = Dynamics(load_robot("andrews_squeezer"))
 
@@ -259,7 +259,7 @@ def test_squeezer_moves_as_published():
 
     start = [-0.0617138900142764496, 0]
     beta, rate = solve_ivp(direct, (0, 0.03), start, "DOP853", rtol=1e-9, atol=1e-9).y[:, -1]
-    motion = squeezed(dynamics, [beta], [rate]).motion
+    motion = solve_squeezer(dynamics, [beta], [rate]).motion
     published = [0.1581077119629904e2, -0.1575637105984298e2, 0.4082224013073101e-1, -0.5347301163226948,
                  0.5244099658805304, 0.5347301163226948, 0.1048080741042263e1]  # fmt: skip
     turns = (joints(dynamics, motion.positions, SQUEEZER) - published) / (2 * np.pi)
@@ -272,7 +272,7 @@ def test_squeezer_moves_as_published():
     np.testing.assert_allclose(joints(dynamics, motion.accelerations, SQUEEZER), published, rtol=1e-4)
 
 
-def natural_accelerations(points, rates, bars, pushes):
+def natural_accelerations(points, rates, bars, applied_forces):
     """Accelerations (p, 2) of the points of a linkage of thin bars, in natural coordinates as its source has it.
 
     points, rates: (p, 2) x and z, the first and the last fixed; bars: (point, point, mass); pushes: {point: force}.
@@ -292,7 +292,7 @@ def natural_accelerations(points, rates, bars, pushes):
             row[fixed, axis] = 1
             rows.append(row.ravel())
             right.append(0.0)
-    for point, force in pushes.items():
+    for point, force in applied_forces.items():
         forces[point] += force
     J, M = np.array(rows), np.kron(M, np.eye(2))
     system = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
@@ -307,7 +307,7 @@ MASSES = {"four_bar": (2, 8, 5), "five_bar": (3, 1, 2, 3)}
 
 
 @pytest.mark.parametrize("name", LINKAGES)
-def test_linkages_accelerate_as_in_natural_coordinates(name):
+def test_accelerations_of_linkages_agree_with_natural_coordinates(name):
     """Point masses and distances, as MBDE-MATLAB has them: no angle of a passive joint is in it."""
     dynamics = Dynamics(load_robot(name))
     count = len(dynamics.joint_names)
@@ -315,8 +315,8 @@ def test_linkages_accelerate_as_in_natural_coordinates(name):
     cranks = [(0, 1), (len(bars), len(bars) - 1)][:count]
 
     def places(q):
-        told = [(dynamics.link_pose(frame, q), x) for frame, x in LINKAGES[name]]
-        return np.array([(pose[:3, 3] + x * pose[:3, 0])[[0, 2]] for pose, x in told])
+        partial_seed = [(dynamics.link_pose(frame, q), x) for frame, x in LINKAGES[name]]
+        return np.array([(pose[:3, 3] + x * pose[:3, 0])[[0, 2]] for pose, x in partial_seed])
 
     rng = np.random.default_rng(2)
     for q in within_limits(dynamics, 10):
@@ -326,16 +326,16 @@ def test_linkages_accelerate_as_in_natural_coordinates(name):
             (8 * (places(q + h * qd) - places(q - h * qd)) - places(q + 2 * h * qd) + places(q - 2 * h * qd)) / 12 / h
         )
         arms = [points[end] - points[pivot] for pivot, end in cranks]
-        pushes = {end: effort * np.array([-arm[1], arm[0]]) / (arm @ arm)
+        applied_forces = {end: effort * np.array([-arm[1], arm[0]]) / (arm @ arm)
                   for (_, end), effort, arm in zip(cranks, efforts, arms, strict=True)}  # fmt: skip
-        found = natural_accelerations(points, rates, bars, pushes)
+        computed = natural_accelerations(points, rates, bars, applied_forces)
         turning = [(arm[0] * a[1] - arm[1] * a[0]) / (arm @ arm)
-                   for arm, a in zip(arms, (found[end] for _, end in cranks), strict=True)]  # fmt: skip
+                   for arm, a in zip(arms, (computed[end] for _, end in cranks), strict=True)]  # fmt: skip
         np.testing.assert_allclose(dynamics.direct(q, qd, efforts), turning, rtol=1e-8, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", LOOPED)
-def test_power_is_accounted_for_along_a_trajectory(name):
+def test_power_balance_along_a_trajectory(name):
     """d/dt (kinetic + potential + elastic) = motors + wrench - dissipation, to 1e-7 of the peak power; with friction
     and springs in all joints, passive ones too, and a wrench on the last body."""
     robot = load_robot(name)
@@ -363,8 +363,8 @@ def test_power_is_accounted_for_along_a_trajectory(name):
     def state(t):
         turns = np.asarray(t)[..., None] + phases
         qd, qdd = reach * np.cos(turns), -reach * np.sin(turns)
-        everyone = dynamics.expand_positions(middle + reach * np.sin(turns))
-        return everyone, dynamics.expand_velocities(qd, everyone), qd, qdd
+        closed_state = dynamics.expand_positions(middle + reach * np.sin(turns))
+        return closed_state, dynamics.expand_velocities(qd, closed_state), qd, qdd
 
     h, weights = 4e-3, {4: -1 / 280, 3: 4 / 105, 2: -1 / 5, 1: 4 / 5}
     places, shares = [0, *weights, *(-k for k in weights)], [0, *weights.values(), *(-w for w in weights.values())]
@@ -387,7 +387,7 @@ def test_power_is_accounted_for_along_a_trajectory(name):
 
 
 def wrench_in_frame(robot, number, wrench):
-    """A wrench told in the frame of a link's name, in frame j of the link at its origin."""
+    """A wrench in the frame of a link's name, expressed in frame j of the link at its origin."""
     T = robot.frame(robot.links[number].name).placement
     force, torque = T[:3, :3] @ wrench[:3], T[:3, :3] @ wrench[3:]
     return np.concatenate([force, torque + np.cross(T[:3, 3], force)])

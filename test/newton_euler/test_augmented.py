@@ -19,8 +19,8 @@ from robot_dynamics.newton_euler.kinematics import run_forward_pass
 AT_REST = np.array([0, 0, 9.81, 0, 0, 0])
 
 
-def relative_error(found, expected):
-    return np.abs(found - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-9)
+def relative_error(forces_of_model, expected):
+    return np.abs(forces_of_model - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-9)
 
 
 def reference(robot, q, qd, qdd, twist, acceleration, wrenches):
@@ -28,13 +28,13 @@ def reference(robot, q, qd, qdd, twist, acceleration, wrenches):
 
 
 @pytest.mark.parametrize("seed", range(100))
-def test_renauds_recursion_on_random_chains_with_a_wrench_at_the_tip_in_numbers_and_in_symbols(seed):
+def test_augmented_bodies_on_random_chains_in_numbers_and_symbols(seed):
     robot = random_chain(seed)
     rng = np.random.default_rng(seed)
     q, qd, qdd, tip = rng.uniform(-2, 2, (4, 5, 6))
     expected, _ = reference(robot, q, qd, qdd, np.zeros(6), AT_REST, {6: tip})
-    found, _ = augmented.inverse_dynamics(robot, q, qd, qdd, np.zeros(6), AT_REST, {6: tip})
-    assert relative_error(found, expected) < 1e-12
+    forces_of_model, _ = augmented.inverse_dynamics(robot, q, qd, qdd, np.zeros(6), AT_REST, {6: tip})
+    assert relative_error(forces_of_model, expected) < 1e-12
 
     trace = Trace()
     symbolic, values = with_symbols(robot, trace)
@@ -42,13 +42,13 @@ def test_renauds_recursion_on_random_chains_with_a_wrench_at_the_tip_in_numbers_
     forces, _ = augmented.inverse_dynamics(symbolic, *arguments[:3], np.zeros(6), AT_REST, {6: arguments[3]})
     program = build_program(trace, "inverse", dict.fromkeys(("q", "qd", "qdd", "tip"), 6), {"efforts": forces})
     computed = python_function(program, {name: values[name] for name in program.parameters})
-    again = np.array([computed(*sample) for sample in zip(q, qd, qdd, tip, strict=True)])
-    assert relative_error(again, expected) < 1e-12
+    traced = np.array([computed(*sample) for sample in zip(q, qd, qdd, tip, strict=True)])
+    assert relative_error(traced, expected) < 1e-12
 
 
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("seed", range(40))
-def test_trees_moving_bases_and_gathered_parameters(seed, moving_base):
+def test_augmented_bodies_of_trees_moving_bases_and_grouped_parameters(seed, moving_base):
     """Forces and the wrench on the base, A, and Y θ, with wrenches on the tip and on the base."""
     robot = read_urdf(random_urdf(seed), moving_base=moving_base)
     rng = np.random.default_rng(seed)
@@ -57,7 +57,7 @@ def test_trees_moving_bases_and_gathered_parameters(seed, moving_base):
     robot = replace(robot, joints=tuple(drives))
     q, qd, qdd = rng.uniform(-2, 2, (3, 4, count))
     twist, acceleration, tip, ground = rng.uniform(-2, 2, (4, 4, 6))
-    if not moving_base:  # what is gathered into the link of a first joint would feel a base that turns
+    if not moving_base:  # parameters grouped into the link of a first joint would act on a rotating base
         twist, acceleration = np.zeros((4, 6)), np.tile(AT_REST, (4, 1))
     motion = (q, qd, qdd, twist, acceleration)
     wrenches = {count: tip, 0: ground}
@@ -66,7 +66,7 @@ def test_trees_moving_bases_and_gathered_parameters(seed, moving_base):
     for same in (robot, group_inertial_parameters(robot)):
         forces, base = augmented.inverse_dynamics(same, *motion, wrenches)
         assert relative_error(forces, expected) < 1e-11
-        if moving_base or same is robot:  # what is gathered changes what the ground bears
+        if moving_base or same is robot:  # grouping changes the wrench on the ground
             assert relative_error(base, reactions[:, 0]) < 1e-11
         assert relative_error(composite.inertia_matrix(same, q), A) < 1e-11
     free, reactions = reference(robot, *motion, {})

@@ -1,4 +1,4 @@
-"""The recursions run over any scalar: over dual numbers, a + b ε with ε² = 0, they differentiate themselves exactly."""
+"""The recursions take any scalar: over dual numbers, a + b ε with ε² = 0, their results have exact derivatives."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ from robot_dynamics.newton_euler.walker_orin import inertia_matrix
 
 @dataclass
 class Dual:
-    """value + slope ε, with the operations that the recursions may use and no other."""
+    """value + slope ε, with only the operations that the recursions may use."""
 
     value: float
     slope: float = 0.0
@@ -59,10 +59,10 @@ def dual(number):
 
 
 def duals(values, slopes):
-    made = np.empty(np.shape(values), dtype=object)
-    for index in np.ndindex(made.shape):
-        made[index] = Dual(values[index], slopes[index])
-    return made
+    array_of_duals = np.empty(np.shape(values), dtype=object)
+    for index in np.ndindex(array_of_duals.shape):
+        array_of_duals[index] = Dual(values[index], slopes[index])
+    return array_of_duals
 
 
 def part(array, name):
@@ -70,39 +70,43 @@ def part(array, name):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_models_over_dual_numbers_are_the_models_with_their_derivatives(seed):
+def test_recursions_over_dual_numbers_give_derivatives(seed):
     robot = read_urdf(random_urdf(seed, joints=5), moving_base=True)
     rng = np.random.default_rng(seed)
-    q, qd, qdd, way, speed = rng.uniform(-1, 1, (5, 5))
-    twist, push = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, (5, 6))
+    q, qd, qdd, q_slope, qd_slope = rng.uniform(-1, 1, (5, 5))
+    twist, wrenches_on_links = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, (5, 6))
     columns = [None] * 5
 
     def models(q, qd):
-        """Efforts by two sweeps; accelerations of joints and of a free base, and wrenches, by three."""
-        sweep = run_forward_pass(robot, q, qd, twist, {j: push[j - 1] for j in (2, 5)})
-        forces, wrenches = inverse_dynamics(robot, sweep, qdd, twist)
-        given = list(qdd[:, None])
-        found = articulated_body.solve(robot, sweep, columns, given)
+        """Efforts by two passes; accelerations of joints and of a free base, and wrenches, by three."""
+        forward_pass = run_forward_pass(robot, q, qd, twist, {j: wrenches_on_links[j - 1] for j in (2, 5)})
+        forces, wrenches = inverse_dynamics(robot, forward_pass, qdd, twist)
+        prescribed = list(qdd[:, None])
+        solution = articulated_body.solve(robot, forward_pass, columns, prescribed)
         mixed = articulated_body.solve(
-            robot, sweep, [given[0], None, given[2], None, None], [None, given[1], None, *given[3:]], twist
+            robot,
+            forward_pass,
+            [prescribed[0], None, prescribed[2], None, None],
+            [None, prescribed[1], None, *prescribed[3:]],
+            twist,
         )
         return np.concatenate(
             [
                 forces,
                 wrenches.ravel(),
-                found.accelerations,
-                found.base_acceleration,
-                found.wrenches.ravel(),
+                solution.accelerations,
+                solution.base_acceleration,
+                solution.wrenches.ravel(),
                 mixed.accelerations,
                 mixed.forces,
                 inertia_matrix(robot, q).ravel(),
             ]
         )
 
-    found = models(duals(q, way), duals(qd, speed))
+    solution = models(duals(q, q_slope), duals(qd, qd_slope))
     expected = models(q, qd)
-    np.testing.assert_allclose(part(found, "value"), expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
+    np.testing.assert_allclose(part(solution, "value"), expected, rtol=1e-10, atol=1e-10 * np.abs(expected).max())
     step = 1e-4
-    ahead = [models(q + k * step * way, qd + k * step * speed) for k in (-2, -1, 1, 2)]
-    slope = (ahead[0] - 8 * ahead[1] + 8 * ahead[2] - ahead[3]) / (12 * step)
-    np.testing.assert_allclose(part(found, "slope"), slope, rtol=1e-6, atol=1e-7 * np.abs(slope).max())
+    samples = [models(q + k * step * q_slope, qd + k * step * qd_slope) for k in (-2, -1, 1, 2)]
+    slope = (samples[0] - 8 * samples[1] + 8 * samples[2] - samples[3]) / (12 * step)
+    np.testing.assert_allclose(part(solution, "slope"), slope, rtol=1e-6, atol=1e-7 * np.abs(slope).max())

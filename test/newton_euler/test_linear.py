@@ -1,4 +1,4 @@
-"""The factorisation without pivoting agrees with LAPACK on positive definite systems and tells the others."""
+"""Factorization without pivoting agrees with LAPACK on positive definite systems and detects indefinite ones."""
 
 import numpy as np
 from hypothesis import given

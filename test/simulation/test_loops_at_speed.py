@@ -12,7 +12,7 @@ from peers.planar_lagrange import JointProperties, PlanarBody, random_body, rand
 from peers.reframed import reframed
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.constraints.attitude_charts import axis_rotation
+from robot_dynamics.constraints.attitude_angles import axis_rotation
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.model.loading import shipped_robots

@@ -10,12 +10,9 @@ from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import Program, build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.attitude_charts import virtual_links
-from robot_dynamics.constraints.topology import (
-    ConstraintTopology,
-    build_topology,
-    projection_matrix,
-    solve_constrained_accelerations,
-)
+from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
+from robot_dynamics.constraints.state import charted_state_at, projection_matrix, state_at
+from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.friction import friction
@@ -154,8 +151,8 @@ class ModelTrace:
             or (self.name == "inverse" and solves)
         )
         topology = self.topology.with_robot(self.robot, shifts)
-        state_at = topology.charted_state_at if self._in_charts else topology.state_at
-        self.constrained_state = state_at(q, bool(uses_G))
+        evaluate_state = charted_state_at if self._in_charts else state_at
+        self.constrained_state = evaluate_state(topology, q, bool(uses_G))
         self.robot = self.constrained_state.robot
         self.q: ScalarArray = self.constrained_state.chart_q
         self.qd: ScalarArray = np.zeros(len(self.robot.joints), dtype=int)

@@ -21,6 +21,7 @@ from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import Program, build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.charted_regressor import independent_regressor
+from robot_dynamics.constraints.newton_iteration import newton_step
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import composite
 from robot_dynamics.newton_euler.friction import friction
@@ -225,7 +226,7 @@ def closure_model(robot: Robot, *, independent: Sequence[int] | None = None) -> 
     topology = topology.with_robot(prepared_robot, shifts).with_determinant_sign()
     size = len(topology.non_mimic_joints)
     names = ("residual", "step", "pivots", "squared_norms", "determinant_matrix")
-    results = dict(zip(names, topology.newton_step(trace.input("q", size)), strict=True))
+    results = dict(zip(names, newton_step(topology, trace.input("q", size)), strict=True))
     return build_program(trace, "closure", {"q": size}, results)
 
 
