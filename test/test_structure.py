@@ -1,4 +1,4 @@
-"""Structure of the package: words, annotations, public names, imports and file names, as docs/structure.md states them."""
+"""Structure of the package as docs/structure.md states it: words, types, public names, imports, and file names."""
 
 import importlib.util
 import re
