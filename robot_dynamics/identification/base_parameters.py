@@ -63,7 +63,7 @@ class BaseParameters:
         return " ".join(told)
 
 
-def base_parameters(dynamics, seed=0, *, joint_efforts_only=False):
+def compute_base_parameters(dynamics, seed=0, *, joint_efforts_only=False):
     """The BaseParameters of the robot of a Dynamics, from its regressor at random motions of its whole range.
 
     of_joints: those that efforts of joints depend on, where the wrench on a moving base is not measured; seed: of the

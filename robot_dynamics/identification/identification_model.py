@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robot_dynamics.identification.base_parameters import BaseParameters, base_parameters
+from robot_dynamics.identification.base_parameters import BaseParameters, compute_base_parameters
 from robot_dynamics.inputs import Base
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
 
@@ -84,7 +84,7 @@ def build_identification_model(dynamics, drives, *, rotor_inertia=True, compiled
     """The EffortColumns of the robot of a Dynamics; rotor_inertia: whether rotors have columns of their own; compiled:
     whether the regressor is compiled now, as many samples need it.
     """
-    base = base_parameters(dynamics, joint_efforts_only=True)
+    base = compute_base_parameters(dynamics, joint_efforts_only=True)
     kept = tuple(number for number in base.independent if rotor_inertia or not base.names[number].startswith("Ia."))
     names = [base.names[number] for number in kept] + [f"offset.{name}" for name in dynamics.joint_names]
     shorts = dict(zip(DRIVE_PARAMETERS, ("Ia", "Fv", "Fs"), strict=True))

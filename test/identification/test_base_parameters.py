@@ -15,7 +15,7 @@ from peers.scanned import rank_of_efforts
 
 from robot_dynamics import Base, Dynamics, Robot, load_robot
 from robot_dynamics.constraints.loop_equations import loop_equations
-from robot_dynamics.identification.base_parameters import base_parameters
+from robot_dynamics.identification.base_parameters import compute_base_parameters
 from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
@@ -28,7 +28,7 @@ SEEDS = int(os.environ.get("SEEDS", "2"))
 
 
 def test_rx90_has_the_published_forty_and_its_frictions():
-    found = base_parameters(Dynamics(load_robot("rx90"), compiled=False))
+    found = compute_base_parameters(Dynamics(load_robot("rx90"), compiled=False))
     inertial = [name for name in found.expressions if name[:2] not in ("Fv", "Fs")]
     assert len(inertial) == 40 and len(found.independent) == 52
 
@@ -38,7 +38,7 @@ def test_a_description_without_masses_has_the_same_base_parameters():
     whole = real_urdf("z1")
     bare = without_inertials(whole)
     assert "<inertial>" in whole and "inertial" not in bare
-    found, expected = (base_parameters(Dynamics(load_robot(text), compiled=False)) for text in (bare, whole))
+    found, expected = (compute_base_parameters(Dynamics(load_robot(text), compiled=False)) for text in (bare, whole))
     assert found.expressions == expected.expressions
     assert (
         len([name for name in found.expressions if name[:2] not in ("Fv", "Fs")]) == 48 and len(found.independent) == 62
@@ -50,7 +50,7 @@ def test_efforts_of_robots_with_loops_come_from_their_base_parameters(seed):
     """On closed states that the search for them has not seen; springs apart."""
     looped = random_loops(seed, elastic=False)
     robot, dynamics = looped.robot, Dynamics(looped.robot)
-    found, rng = base_parameters(dynamics), np.random.default_rng(seed)
+    found, rng = compute_base_parameters(dynamics), np.random.default_rng(seed)
     q, qd = random_closed_state(robot, looped.q, looped.dependents, rng)
     independent = [robot.joint_numbers[name] for name in dynamics.joint_names]
     told = np.full(len(q), np.nan)
@@ -76,7 +76,7 @@ def test_as_many_as_the_rank_by_another_way_of_sampling_at_every_seed(name):
     dynamics = Dynamics(load_robot(name))
     rank, fall = rank_of_efforts(dynamics, max(60, 3 * len(dynamics.parameter_names) // len(dynamics.joint_names)), 5)
     assert fall > 1e4  # which it is not where states cover too little
-    found = [base_parameters(dynamics, seed) for seed in range(SEEDS)]
+    found = [compute_base_parameters(dynamics, seed) for seed in range(SEEDS)]
     assert [len(each.independent) for each in found] == [rank] * SEEDS
     for each in found:
         assert each.independent == found[0].independent and each.gap[0] > 1e4 * each.gap[1]
@@ -90,7 +90,7 @@ def test_as_many_as_the_rank_by_another_way_of_sampling_at_every_seed(name):
 def test_efforts_all_over_the_range_come_from_the_base_parameters_of_loops(name):
     """Along the whole turn of the motor, followed from home, which the search for them did not."""
     dynamics = Dynamics(load_robot(name))
-    found, rng = base_parameters(dynamics, 1), np.random.default_rng(3)
+    found, rng = compute_base_parameters(dynamics, 1), np.random.default_rng(3)
     start = dynamics.initial_joint_positions[dynamics.robot.joint_numbers[dynamics.joint_names[0]]]
     q = dynamics.expand_trajectory(start + np.linspace(0, 0.9, 40)[:, None])
     Y = dynamics.regressor(q, *rng.uniform(-3, 3, (2, len(q), 1)))
@@ -155,7 +155,7 @@ def test_counts_are_those_of_the_literature(robot, bodies, with_rotors):
     robot = robot()
     dynamics = Dynamics(robot, compiled=False)
     for seed in range(3):
-        found = base_parameters(dynamics, seed)
+        found = compute_base_parameters(dynamics, seed)
         kinds = [found.names[number].partition(".")[0] for number in found.independent]
         assert kinds.count("Fv") == kinds.count("Fs") == len(robot.joints)
         assert len(kinds) - sum(map(kinds.count, ("Ia", "Fv", "Fs"))) == bodies
@@ -218,7 +218,7 @@ def test_parameters_of_the_rocker_of_a_four_bar_join_those_of_crank_and_coupler(
     """The first moment along the rocker hangs, by the ratio of lengths, on crank and coupler: with the closure
     a e(φ₁) + b e(φ₂) = g + c e(φ₃), MX₃ e(φ₃) is MX₃/c times a e(φ₁) + b e(φ₂) less a constant."""
     linkage = random_four_bar(3)
-    found = base_parameters(Dynamics(linkage.robot(linkage.independent), compiled=False))
+    found = compute_base_parameters(Dynamics(linkage.robot(linkage.independent), compiled=False))
     names = list(found.names)
     column = found.dependent.index(names.index("MX.rocker"))
     share = {names[kept]: found.K[row, column] for row, kept in enumerate(found.independent)}

@@ -14,7 +14,7 @@ from robot_dynamics.checking.live_check import LiveCheck
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.cli.main import main
 from robot_dynamics.errors import InvalidInputError, RecordingError
-from robot_dynamics.identification.base_parameters import base_parameters
+from robot_dynamics.identification.base_parameters import compute_base_parameters
 from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.motion_samples import sample_random_motions
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
@@ -82,7 +82,7 @@ def test_the_commands_check_and_identify_it(bags, tmp_path, capsys):
 
 def test_base_parameters_of_efforts_of_joints_leave_out_what_only_the_base_feels():
     """The body that flies is in the regressor, but its own inertia in none of the rows of the joints."""
-    columns, whole = build_identification_model(DYNAMICS, direct_drives(NAMES)), base_parameters(DYNAMICS)
+    columns, whole = build_identification_model(DYNAMICS, direct_drives(NAMES)), compute_base_parameters(DYNAMICS)
     assert columns.inertial_count < sum(
         not name.startswith(("Fv", "Fs")) for name in np.array(whole.names)[whole.independent]
     )
