@@ -118,12 +118,12 @@ def test_efforts_that_were_not_measured_are_not_fitted_as_zeros(tmp_path, capsys
     np.savetxt(path, told, delimiter=",", header=head, comments="")
     assert main(["identify", str(path), "--robot", "panda"]) == 1
     told = capsys.readouterr().err
-    assert "efforts were not measured of panda_joint1" in told and "columns panda_joint1.effort" in told
+    assert "no measured efforts of panda_joint1" in told and "columns panda_joint1.effort" in told
     efforts = motion.efforts.copy()
     efforts[:, 2] = np.nan
     bag = write_bag(tmp_path / "run", messages(motion._replace(efforts=efforts)))
     assert main(["identify", str(bag), "--robot", "panda"]) == 1
-    assert "efforts were not measured of panda_joint3: those of all joints" in capsys.readouterr().err
+    assert "no measured efforts of panda_joint3: identification needs the efforts of all joints" in capsys.readouterr().err
 
 
 CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]

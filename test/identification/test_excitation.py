@@ -138,7 +138,7 @@ def test_efforts_without_gravity_are_refused():
     columns = build_identification_model(
         COLUMNS.dynamics, replace(direct_drives(JOINTS), excludes_gravity=True), compiled=False
     )
-    with pytest.raises(InvalidInputError, match="gravity is a part of"):
+    with pytest.raises(InvalidInputError, match="measured efforts exclude gravity"):
         design_excitation(columns, BOUNDS)
 
 
