@@ -56,7 +56,10 @@ def test_a_map_is_drawn_as_a_picture(tmp_path, capsys):
         (["panda", "--pose", "x=0"], "has no platform"),
         (["navaro", "--map", "x:0:1:5"], "two coordinates vary in a map"),
         (["navaro", "--map", "x:0:1,y:0:1:5"], "NAME:FROM:TO:COUNT is needed"),
-        (["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.pdf"], "ends with .html or .png"),
+        (
+            ["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.pdf"],
+            "--output map.pdf: the path of the output file must end with .html or .png",
+        ),
         (["navaro", "--mode", "91"], "modes 1 to 90"),
         (["navaro", "--held", "nobody"], "unknown joint 'nobody'"),
         (["navaro", "--count", "0"], "1 or more"),

@@ -82,11 +82,11 @@ def test_what_cannot_be_is_refused(bags, tmp_path, capsys):
     folder = tmp_path / "folder.yaml"
     folder.mkdir()
     for arguments, expected in (
-        (["--hold-out", "2"], "0 to 0.95"), (["--hold-out", "0.5", "--validate", bags[1]], "one of the two"),
+        (["--hold-out", "2"], "0 to 0.95"), (["--hold-out", "0.5", "--validate", bags[1]], "use one of the two"),
         (["--band", "70"], "between 0 and 50"), (["--output", folder], "folder.yaml cannot be written"),
-        (["--output", tmp_path / "x.urdf"], "x.urdf: YAML is written: a file that ends with .yaml or .yml is needed"),
+        (["--output", tmp_path / "x.urdf"], "x.urdf: the path of the output file must end with .yaml or .yml. The verb convert"),
         (["--output-drives", tmp_path / "x"], "--output-drives"),
-        (["--json", bags[0] / "metadata.yaml"], "metadata.yaml is what was read"),
+        (["--json", bags[0] / "metadata.yaml"], "metadata.yaml is an input file"),
     ):  # fmt: skip
         assert main(["identify", str(bags[0]), "--robot", "panda", *map(str, arguments)]) == 1
         assert expected in capsys.readouterr().err
@@ -102,12 +102,12 @@ def test_what_is_read_is_not_written_over(tmp_path, capsys):
     for written in (["--output", same], ["--output-drives", drives], ["--json", other], ["--output", values],
                     ["--output", robot]):  # fmt: skip
         assert main([*reads, *written]) == 1
-        assert f"{written[1]} is what was read" in capsys.readouterr().err
+        assert f"{written[1]} is an input file" in capsys.readouterr().err
     for arguments, expected in ((["replay-check", run, "--robot", robot, "--report", run], run),
                                 (["excite", robot, "--output", robot], robot),
                                 (["map", robot, "--over", "x:0:1:2", "--csv", robot], robot)):  # fmt: skip
         assert main(arguments) == 1
-        assert f"{expected} is what was read" in capsys.readouterr().err
+        assert f"{expected} is an input file" in capsys.readouterr().err
     assert all(file.read_text() == f"kept {name}" for name, file in files.items())
 
 
@@ -123,7 +123,9 @@ def test_efforts_that_were_not_measured_are_not_fitted_as_zeros(tmp_path, capsys
     efforts[:, 2] = np.nan
     bag = write_bag(tmp_path / "run", messages(motion._replace(efforts=efforts)))
     assert main(["identify", str(bag), "--robot", "panda"]) == 1
-    assert "no measured efforts of panda_joint3: identification needs the efforts of all joints" in capsys.readouterr().err
+    assert (
+        "no measured efforts of panda_joint3: identification needs the efforts of all joints" in capsys.readouterr().err
+    )
 
 
 CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]
@@ -145,7 +147,7 @@ def test_gains_from_currents_to_efforts_are_found_and_written(currents, tmp_path
     told = ["identify", bare, loaded, "--robot", "panda", "--gains", "--known-payload", f"{loaded}=panda_link8:2.5"]
     assert main([*told, "--output", fitted, "--output-drives", drives, "--json", figures, "--jobs", "2"]) == 0
     printed = capsys.readouterr().out
-    assert "Efforts of motors by what was measured" in printed and "48 base parameters" in printed
+    assert "Drive gains: motor efforts per measured value" in printed and "48 base parameters" in printed
     assert load_drives(drives, JOINTS).effort_gains == pytest.approx(CONSTANTS, rel=0.01)
     told = json.loads(open(figures).read())["gains"]
     assert [each["name"] for each in told] == list(JOINTS)
@@ -176,12 +178,12 @@ def test_payloads_are_understood_or_refused(currents):
     for payloads, expected in (
         ([f"{loaded}=panda_link8"], "RECORDING=LINK:MASS is needed"), ([loaded], "RECORDING=LINK:MASS is needed"),
         ([f"{loaded}=panda_link8:-1"], "RECORDING=LINK:MASS is needed"), ([f"{loaded}=panda_link9:1"], "panda_link9"),
-        ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "none of the recordings"),
+        ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "not one of the recordings"),
         (2 * [f"{loaded}=panda_link8:1"], "has a payload already"),
     ):  # fmt: skip
         with pytest.raises(RobotDynamicsError, match=expected):
             told(*payloads)
-    with pytest.raises(RobotDynamicsError, match="give both"):
+    with pytest.raises(RobotDynamicsError, match="only with --gains"):
         told(f"{loaded}=panda_link8:1", gains=False)
     with pytest.raises(RobotDynamicsError, match="in no recording that is fitted"):
         told(f"{loaded}=panda_link8:1", fitted=1)

@@ -60,7 +60,7 @@ def test_identification_is_the_same_whoever_gathers(bags, cluster, tmp_path, cap
     capfd.readouterr()
     there = identified(bags, tmp_path / "there.json", "--scheduler", cluster.scheduler_address)
     assert capfd.readouterr().err == ""
-    assert done_by(cluster) == {"with_notes": 2 * (1 + 6 + 1) + 1}  # unweighted, six rounds of weights, residuals
+    assert done_by(cluster) == {"run_task": 2 * (1 + 6 + 1) + 1}  # unweighted, six rounds of weights, residuals
     assert same(here, there) and len(here["parameters"]) == 69 and here["trained"]["samples"] > 2000
     assert any("ends of stretches" in note for note in here["notes"])
 
@@ -96,9 +96,9 @@ def test_what_cannot_be_done_is_told(bags, capsys):
     several = [str(bag) for bag in bags[:2]]
     for arguments, expected in (
         ([*several, "--jobs", "0"], "at least one"),
-        ([*several, "--jobs", "2", "--scheduler", CLOSED], "one of the two"),
-        ([*several, "--scheduler", "nonsense://"], "no Dask scheduler answers"),
-        ([*several, "--golden", several[0]], "one recording"),
+        ([*several, "--jobs", "2", "--scheduler", CLOSED], "use one of the two"),
+        ([*several, "--scheduler", "nonsense://"], "no Dask scheduler responds"),
+        ([*several, "--golden", several[0]], "take one recording, not 2"),
     ):  # fmt: skip
         assert main(["replay-check", *arguments, "--robot", "panda"]) == 1
         assert expected in capsys.readouterr().err

@@ -116,7 +116,7 @@ def test_a_bar_is_shown_on_a_terminal(tmp_path):
         (["gough_stewart", "--over", "x:0:inf:5"], "from a number to a larger one"),
         (["gough_stewart", "--over", "x:0:1:5,y:0:1:5,z:1:2:5"], "one or two coordinates vary"),
         (["gough_stewart", "--over", "x:0:1:5,x:1:2:5"], "each once"),
-        (["gough_stewart", "--over", "x:0:1:5", "--output", "map.bmp"], "a picture is one of .png, .pdf"),
+        (["gough_stewart", "--over", "x:0:1:5", "--output", "map.bmp"], "must end with .png, .pdf, .svg or .jpg"),
         (["gough_stewart", "--over", "x:0:1:5", "--csv", "/proc/no/folder/map.csv"], "map.csv cannot be written"),
         (["panda", "--over", "x:0:1:5"], "has no platform"),
         (["hexapod_stack", "--over", "x:0:1:5"], "a map is of one alone"),

@@ -82,7 +82,7 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
 def test_robots_with_joints_without_motor_are_refused_before_anything_is_read(verb, capsys):
     assert main([verb, "nowhere.csv", "--robot", "manutec_r3"]) == 1
     told = capsys.readouterr().err
-    assert "no motor drives spring_1, spring_2, spring_3: recordings are taken of robots all joints of which" in told
+    assert "no motor drives spring_1, spring_2, spring_3: recordings are read for robots whose independent" in told
 
 
 def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, capsys):

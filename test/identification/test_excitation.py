@@ -223,7 +223,7 @@ def test_the_command_says_that_time_was_over(tmp_path, capsys):
     path = tmp_path / "trajectory.csv"
     assert main(["excite", "panda", "--output", str(path), "--time-limit", "1e-9"]) == 0
     said = capsys.readouterr()
-    assert "time limit of 1e-09 s after 0 of 50 iterations: this is the best trajectory so far" in said.out
+    assert "time limit of 1e-09 s reached after 0 of 50 iterations: this is the best trajectory so far" in said.out
     assert path.exists() and said.err == ""
     assert main(["excite", "panda", "--output", str(path), "--time-limit", "0"]) == 1
     assert "--time-limit 0: more than 0 is needed" in capsys.readouterr().err
