@@ -4,8 +4,8 @@ The trajectory begins and ends at rest and minimises the condition number of the
 output is a CSV with the columns time, <joint>.position, .velocity and .acceleration. Collisions of the links with each
 other, a table or a cable are not checked: inspect the motion before a robot executes it, and begin slowly.
 
-The design takes some seconds for an arm with seven joints. The estimated time is printed at the beginning, and a
-terminal shows a progress bar. --time-limit ends the design with the best trajectory so far.
+It takes some seconds for an arm with seven joints. The estimated time is printed at the beginning, and a terminal
+shows a progress bar. --time-limit ends the design with the best trajectory so far.
 """
 
 from __future__ import annotations
