@@ -20,7 +20,7 @@ from robot_dynamics.errors import InvalidInputError
             ["frequencies", "navaro", "--map", "x:0:1:2,y:0:1:2", "--output", "a.pdf"],
             "--output a.pdf: {} .html or .png\n",
         ),
-        (["identify", "run", "--robot", "panda", "--output", "a.urdf"], "--output a.urdf: {} .yaml or .yml. The verb"),
+        (["identify", "run", "--robot", "panda", "--output", "a.par"], "--output a.par: {} .yaml or .yml. The verb"),
         (
             ["identify", "run", "--robot", "panda", "--output-drives", "b"],
             "--output-drives b: {} .yaml or .yml. The verb",
@@ -37,5 +37,5 @@ def test_endings_of_output_files_are_checked_before_the_work(arguments, expected
 
 def test_endings_are_compared_without_case():
     assert check_ending("folder/Robot.YAML", (".yaml", ".yml")) == ".yaml"
-    with pytest.raises(InvalidInputError, match="must end with .csv"):
+    with pytest.raises(InvalidInputError, match=r"must end with \.csv"):
         check_ending("table", [".csv"])

@@ -261,7 +261,7 @@ def test_designed_trajectory_reduces_the_errors_of_parameters(exciting, random):
         standard_deviations.append(np.exp(np.mean([np.log(fit.standard_deviations) for fit in fits], axis=0)))
         errors.append(np.sqrt(np.mean([(fit.values - truth) ** 2 for fit in fits], axis=0)))
     gains = [np.exp(np.mean(np.log(typical / best))) for best, typical in (standard_deviations, errors)]
-    print(f"deviations {gains[0]:.2f} times smaller than by rng, errors {gains[1]:.2f} times")
+    print(f"deviations {gains[0]:.2f} times smaller than with random motion, errors {gains[1]:.2f} times")
     assert gains[0] > 1.05 and gains[1] > 1.05 and (standard_deviations[0] < standard_deviations[1]).mean() > 0.6
 
 
