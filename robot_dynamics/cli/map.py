@@ -103,10 +103,10 @@ def _summary(result: PoseMap, robot: Robot) -> Iterator[str]:
     yield f"{robot.name}: {result.within_limits.sum()} of {result.within_limits.size} poses are in reach"
     beyond_limits = (result.reachable & ~result.within_limits).sum()
     if beyond_limits:
-        yield f"  at {beyond_limits} more poses the legs close, but motors are beyond their limits"
+        yield f"  {beyond_limits} more: the legs close, but motors are beyond their limits"
     singular = (result.within_limits & ~result.is_nonsingular).sum()
     if singular:
-        yield f"  at {singular} of them the motors do not hold the platform (singular)"
+        yield f"  {singular} of those in reach: the motors do not hold the platform (singular)"
     if result.is_nonsingular.any():
         condition_numbers = result.condition_number[result.is_nonsingular]
         yield f"  condition number {condition_numbers.min():.4g} to {condition_numbers.max():.4g}"

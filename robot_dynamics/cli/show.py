@@ -50,7 +50,7 @@ def print_platforms(robot: Robot) -> None:
     """Print one line for each platform."""
     for name, platform in zip(robot.platform_links, robot.platforms, strict=True):
         coordinates = ", ".join(robot.joints[index].name for index in platform.joints)
-        base = "" if platform.base is None else f" on {platform.base!r};"
+        base = "" if platform.base is None else f" base {platform.base!r};"
         print(f"platform {name!r}:{base} coordinates {coordinates}; its legs leave {', '.join(platform.free)} free")
 
 
