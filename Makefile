@@ -36,7 +36,7 @@ jazzy: export INTERRUPTION_ROUNDS := 2
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test jazzy demo lint format lock colcon bench soak clean
+.PHONY: help venv test quick jazzy demo lint format lock colcon bench soak clean
 
 help:  ## list the targets
 	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1	\2/p' Makefile
@@ -48,6 +48,9 @@ test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
 	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
+quick: venv  ## run the tests that need neither ROS nor patience, in under two minutes
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not ros" --ignore test/nodes
+
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
 	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
 	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal $(REAL_TIME:%=--ignore test/nodes/test_%.py)
@@ -56,9 +59,10 @@ jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt:
 demo: venv  ## a server asked, and simulated robots moved; writes demo.png, demo_tracking.png and bags
 	.venv/bin/demo
 
-lint: venv  ## check style and format of the Python files
+lint: venv  ## check style, format and types of the Python files
 	.venv/bin/ruff check .
 	.venv/bin/ruff format --check .
+	.venv/bin/mypy
 
 format: venv  ## put the Python files into format
 	.venv/bin/ruff check --fix-only .
@@ -94,5 +98,5 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 
 clean:  ## remove all that the other targets made
 	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
-	rm -rf .pytest_cache .ruff_cache .hypothesis
+	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

@@ -1,26 +1,41 @@
-"""Many recordings against one robot: each is checked by itself, wherever that is, and all are summed up."""
+"""Many recordings of one robot: each is checked by itself, in this process or another, and all are summarized."""
 
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from robot_dynamics.checking.check import CheckResult, Predictor, check
+from robot_dynamics.array_types import Array
+from robot_dynamics.checking.check import CheckResult, PieceCallback, Predictor, check
 from robot_dynamics.checking.faults import Evidence, Fault
+from robot_dynamics.checking.tolerances import Tolerances
+from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.recordings.recording import moving_base, open_recording
+from robot_dynamics.recordings.drives import Drives
+from robot_dynamics.recordings.joint_motions import Motion
+from robot_dynamics.recordings.recording import ProgressWrapper, Recording, moving_base_link, open_recording
 
 
 @dataclass(frozen=True, eq=False)
 class CheckOptions:
-    """What is asked of each recording: Dynamics, Drives and topics (none: all) to read it with, Tolerances, cutoff
-    [Hz] and rate [1/s] as for `check`, and whether a fault is to be named."""
+    """Options for the check of each recording.
 
-    dynamics: object
-    drives: object
-    topics: tuple
-    tolerances: object
+    Attributes
+    ----------
+    dynamics, tolerances : as for `check`.
+    drives, topics : as for `open_recording`.
+    cutoff : cut-off frequency [Hz]; None: as for `check`.
+    rate : samples per second of the grid; None: as recorded.
+    faults : whether to find the fault that explains the residuals.
+    """
+
+    dynamics: Dynamics
+    drives: Drives
+    topics: tuple[str, ...]
+    tolerances: Tolerances
     cutoff: float | None = None
     rate: float | None = None
     faults: bool = False
@@ -28,7 +43,7 @@ class CheckOptions:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Of one recording: its Check and the Fault that was named, or the reason for which it could not be checked."""
+    """The result of one recording: its check and fault, or the reason why it could not be checked."""
 
     recording: str
     check: CheckResult | None = None
@@ -36,11 +51,12 @@ class Outcome:
     error: str | None = None
 
     @property
-    def passed(self):
+    def passed(self) -> bool:
+        """Whether all joints pass and no fault was found."""
         return self.check is not None and self.check.passed and self.fault is None
 
-    def as_dict(self):
-        """Plain data, for JSON."""
+    def as_dict(self) -> dict[str, object]:
+        """Plain data for JSON."""
         if self.check is None:
             return {"recording": self.recording, "passed": None, "refused": self.error}
         return {**self.check.as_dict(), "passed": self.passed, "fault": self.fault and vars(self.fault)}
@@ -48,53 +64,93 @@ class Outcome:
 
 @dataclass(frozen=True)
 class JointSummary:
-    """Of a joint in many recordings: rms, bias [N m or N] over the samples of all; recordings in which it failed, and
-    the one in which its RMS is largest."""
+    """A joint in many recordings.
+
+    Attributes
+    ----------
+    joint : name.
+    rms, bias : RMS and mean of the residual over the samples of all recordings [N m or N].
+    failed : recordings in which the joint does not pass.
+    worst : the recording in which its RMS is largest.
+    """
 
     joint: str
     rms: float
     bias: float
-    failed: tuple
+    failed: tuple[str, ...]
     worst: str
 
 
-def check_recordings(paths, options, executor=None):
-    """Yield the Outcome of the recording at each path, in their order; those that cannot be checked stop nothing.
+def check_recordings(
+    paths: Sequence[str | Path], options: CheckOptions, executor: Executor | None = None
+) -> Iterator[Outcome]:
+    """Yield the outcome of the recording at each path, in their order; errors of one do not stop the others.
 
-    executor: a concurrent.futures.Executor whose processes read and check; None: this one.
+    executor: its processes read and check; None: this process does.
     """
     run = map if executor is None else executor.map
-    found = run(partial(_outcome, options), [Path(path).absolute() for path in paths])
-    for path, outcome in zip(paths, found, strict=True):
+    outcomes = run(partial(_check_path, options), [Path(path).absolute() for path in paths])
+    for path, outcome in zip(paths, outcomes, strict=True):
         name = str(path)
         yield replace(outcome, recording=name, check=outcome.check and replace(outcome.check, recording=name))
 
 
-def check_recording(recording, options, *, progress=None, callbacks=()):
-    """(Check, Fault or None) of a Recording; takers: called with each piece, as `each` of `check`."""
+def check_recording(
+    recording: Recording,
+    options: CheckOptions,
+    *,
+    progress: ProgressWrapper | None = None,
+    callbacks: Sequence[PieceCallback] = (),
+) -> tuple[CheckResult, Fault | None]:
+    """Check one recording; callbacks: called with each piece, as `on_piece` of `check`. Raises RecordingError."""
     evidence = Evidence(Predictor(options.dynamics, recording.drives)) if options.faults else None
-    callbacks = [*callbacks, evidence.add] if evidence else callbacks
-    found = check(recording, options.dynamics, options.tolerances, cutoff=options.cutoff, rate=options.rate,
-                  progress=progress, on_piece=lambda *piece: [take(*piece) for take in callbacks])  # fmt: skip
-    return found, evidence.find_fault() if evidence else None
+
+    def on_piece(motion: Motion, predicted: Array, origin: int) -> None:
+        for callback in callbacks:
+            callback(motion, predicted, origin)
+        if evidence is not None:
+            evidence.add(motion, predicted, origin)
+
+    result = check(
+        recording,
+        options.dynamics,
+        options.tolerances,
+        cutoff=options.cutoff,
+        rate=options.rate,
+        progress=progress,
+        on_piece=on_piece,
+    )
+    return result, None if evidence is None else evidence.find_fault()
 
 
-def _outcome(options, path):
+def _check_path(options: CheckOptions, path: Path) -> Outcome:
     try:
-        recording = open_recording(path, options.drives, options.topics, moving_base(options.dynamics))
+        recording = open_recording(path, options.drives, options.topics, moving_base_link(options.dynamics))
         return Outcome(str(path), *check_recording(recording, options))
     except RobotDynamicsError as error:
         return Outcome(str(path), error=str(error))
 
 
-def summarize_joints(outcomes):
-    """The JointSummary of each joint, of Outcomes of which at least one has a Check."""
+def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:
+    """Summarize each joint over outcomes, of which at least one has a check."""
     checks = [outcome.check for outcome in outcomes if outcome.check is not None]
-    samples = sum(found.comparison.samples for found in checks)
-    sums, squares = sum(found.comparison.residual_sums for found in checks) / samples
-    told = []
-    for column, name in enumerate(checks[0].comparison.joint_names):
-        failed = tuple(found.recording for found in checks if not found.verdicts[column].passed)
-        worst = max(checks, key=lambda found: found.verdicts[column].joint.rms)
-        told.append(JointSummary(name, float(np.sqrt(squares[column])), float(sums[column]), failed, worst.recording))
-    return told
+    samples = sum(result.comparison.samples for result in checks)
+    total = np.zeros_like(checks[0].comparison.residual_sums)
+    for result in checks:
+        total += result.comparison.residual_sums
+    bias, mean_squares = total / samples
+    return [
+        JointSummary(
+            joint=name,
+            rms=float(np.sqrt(mean_squares[column])),
+            bias=float(bias[column]),
+            failed=tuple(result.recording for result in checks if not result.verdicts[column].passed),
+            worst=_worst_recording(checks, column),
+        )
+        for column, name in enumerate(checks[0].comparison.joint_names)
+    ]
+
+
+def _worst_recording(checks: Sequence[CheckResult], column: int) -> str:
+    """The recording in which the RMS of a joint is largest."""
+    return max(checks, key=lambda result: result.verdicts[column].joint.rms).recording

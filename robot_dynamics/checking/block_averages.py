@@ -1,33 +1,44 @@
-"""Means over ever more neighbours: a stream of any length in bounded memory."""
+"""Means over blocks of samples that grow with the stream: a stream of any length in bounded memory."""
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
+
 
 class BlockAverages:
-    """Rows that are means over `stride` samples; whenever there are `most` of them, pairs are averaged.
+    """Means over blocks of `stride` samples; when there are `max_rows` means, pairs are averaged and `stride` doubles.
 
-    most: even; rows: (k, M, n) of all that was `add`-ed, but for the last samples, fewer than `stride`.
+    Parameters
+    ----------
+    stride : samples in a block at first.
+    max_rows : number of means that are kept, even.
     """
 
-    def __init__(self, stride, max_rows):
-        self.stride, self.max_rows = stride, max_rows
-        self._parts, self._count, self._rest = [], 0, None
+    def __init__(self, stride: int, max_rows: int) -> None:
+        self.stride = stride
+        self.max_rows = max_rows
+        self._parts: list[Array] = []  # (k, M, n) means
+        self._count = 0
+        self._remainder: Array | None = None  # (k, N, n) last samples, fewer than `stride`
 
     @property
-    def rows(self):
+    def rows(self) -> Array:
+        """The means (k, M, n), without the last samples, fewer than `stride`."""
         return np.concatenate(self._parts, axis=1)
 
-    def add(self, samples):
-        """Take samples (k, N, n)."""
-        samples = samples if self._rest is None else np.concatenate([self._rest, samples], axis=1)
+    def add(self, samples: Array) -> None:
+        """Add samples (k, N, n)."""
+        if self._remainder is not None:
+            samples = np.concatenate([self._remainder, samples], axis=1)
+        k, _, n = samples.shape
         while True:
-            whole = min(self.max_rows - self._count, samples.shape[1] // self.stride)
-            k, _, n = samples.shape
-            taken, samples = np.split(samples, [whole * self.stride], axis=1)
-            self._parts.append(taken.reshape(k, whole, self.stride, n).mean(axis=2))
-            self._count += whole
+            blocks = min(self.max_rows - self._count, samples.shape[1] // self.stride)
+            complete, samples = np.split(samples, [blocks * self.stride], axis=1)
+            self._parts.append(complete.reshape(k, blocks, self.stride, n).mean(axis=2))
+            self._count += blocks
             if self._count < self.max_rows:
                 break
             self._parts = [self.rows.reshape(k, -1, 2, n).mean(axis=2)]
-            self.stride, self._count = 2 * self.stride, self.max_rows // 2
-        self._rest = samples.copy()
+            self.stride = 2 * self.stride
+            self._count = self.max_rows // 2
+        self._remainder = samples.copy()

@@ -1,4 +1,4 @@
-"""What faults are told from: residuals on a grid, what predicts them, and which of them count."""
+"""Signals that faults are found in: residuals on a grid, their predictors, and the samples that count."""
 
 from dataclasses import dataclass, replace
 
@@ -6,62 +6,88 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
+from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.recordings.signals import lowpass
 
-SMOOTHING_RATIO = 0.5  # of the cut-off: predictions, whose friction steps where that of robots turns over smoothly
-EDGE_DURATION = 0.5  # [s] at ends and gaps that do not count: filters guess there
-QUIET_FRACTION = 0.3  # the part of seconds that are taken as free of faults, to tell the noise at first
+SMOOTHING_RATIO = 0.5  # of the cut-off: smooths predictions, as the friction of real robots reverses smoothly
+MAX_SMOOTHING_BAND = 0.4  # of the rate; with a higher band samples are means over more than the filter smooths
+EDGE_DURATION = 0.5  # [s] at ends and gaps that do not count, as filters have data on one side only
+QUIET_FRACTION = 0.3  # part of the seconds that is taken as free of faults for the first estimate of noise
 MIN_NOISE_RATIO = 1e-3  # of the spread of a joint's efforts
-RESPONSE_DURATION = 0.4  # [s] over which joints may answer to what is predicted, before it and behind
-RESPONSE_SAMPLES = 6  # samples of it to each side
-RIDGE = 1e-3  # of the squares of what is answered to
+RESPONSE_DURATION = 0.4  # [s] before and after a prediction over which joints may respond to it
+RESPONSE_SAMPLES = 6  # samples of the response on each side
+RIDGE = 1e-3  # regularisation of the response, as a part of the squares of its columns
 
 
 @dataclass(frozen=True, eq=False)
 class FaultSignals:
-    """Rows at times (N,): measured less predicted efforts, predicted ones, signs of velocities, velocities (N, n), what
-    1 kg and 1 kg m along x, y, z add (N, n, 4); step [s] of them; sound: (N,) rows that count."""
+    """Signals of n joints at N times.
 
-    times: np.ndarray
+    Attributes
+    ----------
+    times : (N,) [s].
+    step : typical step between them [s].
+    residuals : (N, n) measured less predicted efforts [N m or N].
+    predicted : (N, n) predicted efforts [N m or N].
+    velocity_signs, velocities : (N, n) [rad/s or m/s].
+    payload_efforts : (N, n, 4) efforts for a payload of 1 kg, and for first moments of 1 kg m along x, y, z.
+    valid : (N,) samples that count.
+    """
+
+    times: Array
     step: float
-    residuals: np.ndarray
-    predicted: np.ndarray
-    velocity_signs: np.ndarray
-    velocities: np.ndarray
-    payload_efforts: np.ndarray
-    valid: np.ndarray
+    residuals: Array
+    predicted: Array
+    velocity_signs: Array
+    velocities: Array
+    payload_efforts: Array
+    valid: BoolArray
 
     @classmethod
-    def from_rows(cls, rows, cutoff):
-        """Those of rows (9, N, n): times, efforts, and the others, predictions first; cutoff [Hz]: of the motion.
+    def from_rows(cls, rows: Array, cutoff: float) -> "FaultSignals":
+        """Make the signals from stacked samples.
 
-        Efforts are not filtered: that would smear the beginning of a fault.
+        Parameters
+        ----------
+        rows : (9, N, n) times, measured efforts, predicted efforts, signs of velocities, velocities, four payload
+            efforts. Measured efforts are not filtered: that would blur the onset of a fault.
+        cutoff : cut-off frequency of the motion [Hz].
         """
-        times, measured, others = rows[0, :, 0], rows[1], rows[2:]
+        times = rows[0, :, 0]
+        measured = rows[1]
+        predictors = rows[2:]
         step = float(np.median(np.diff(times)))
-        if SMOOTHING_RATIO * cutoff * step < 0.4:  # else rows are means over more than that
-            flat = others.transpose(1, 0, 2).reshape(len(times), -1)
-            flat = lowpass(flat, 1 / step, SMOOTHING_RATIO * cutoff)
-            others = flat.reshape(len(times), len(others), -1).transpose(1, 0, 2)
-        predicted, velocity_signs, velocities, *payload_efforts = others
-        ends = np.diff(times, prepend=-np.inf, append=np.inf) > 1.5 * step  # before each row, and behind the last
-        marks = ends[:-1] | ends[1:]
-        valid = maximum_filter1d(marks.astype(int), 2 * max(2, int(EDGE_DURATION / step)) + 1) == 0
-        payload_efforts = np.stack(payload_efforts, axis=-1)
-        return cls(times, step, measured - predicted, predicted, velocity_signs, velocities, payload_efforts, valid)
+        band = SMOOTHING_RATIO * cutoff
+        if band * step < MAX_SMOOTHING_BAND:
+            columns = predictors.transpose(1, 0, 2).reshape(len(times), -1)
+            columns = lowpass(columns, 1 / step, band)
+            predictors = columns.reshape(len(times), len(predictors), -1).transpose(1, 0, 2)
+        predicted, velocity_signs, velocities = predictors[:3]
+        return cls(
+            times=times,
+            step=step,
+            residuals=measured - predicted,
+            predicted=predicted,
+            velocity_signs=velocity_signs,
+            velocities=velocities,
+            payload_efforts=np.stack(list(predictors[3:]), axis=-1),
+            valid=_far_from_gaps(times, step),
+        )
 
     @property
-    def min_noise(self):
-        """(n,) noise that there is at least."""
-        return MIN_NOISE_RATIO * self.predicted.std(axis=0) + 1e-9
+    def min_noise(self) -> Array:
+        """Least standard deviation (n,) of noise."""
+        minimum: Array = MIN_NOISE_RATIO * self.predicted.std(axis=0) + 1e-9
+        return minimum
 
-    def delay_effect(self, shift):
-        """(N, n) what efforts that come `shift` [s] late add to the predicted ones."""
-        return CubicSpline(self.times, self.predicted)(self.times - shift) - self.predicted
+    def delay_effect(self, shift: float) -> Array:
+        """Change of the predicted efforts (N, n) where they come `shift` [s] later."""
+        delayed: Array = CubicSpline(self.times, self.predicted)(self.times - shift)
+        return delayed - self.predicted
 
-    def initial_whitening(self):
-        """A Whitening that takes no colour off: by standard deviations in the quietest seconds of each joint."""
+    def initial_whitening(self) -> WhiteningFilter:
+        """Weights without filters: by the RMS in the quietest seconds of each joint."""
         seconds = np.floor(self.times).astype(int)
         starts = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1))
         counts = np.diff([*starts, len(seconds)])
@@ -70,30 +96,45 @@ class FaultSignals:
         noise = np.maximum(np.sqrt((quiet**2).mean(axis=0)), self.min_noise)
         return WhiteningFilter(np.ones((len(noise), 1)), self.valid[:, None] / noise)
 
-    def with_fitted_response(self, left):
-        """The Signals with what joints answer to predictions, as residuals `left` (N, n) by a fault tell it.
+    def with_fitted_response(self, unexplained: Array) -> "FaultSignals":
+        """The signals with the response of the joints to their predictions, fitted to unexplained residuals (N, n).
 
-        Efforts around a prediction count alike before and behind it, so that no delay is hidden here; those around a
-        friction that turns over do not: it comes late where joints are elastic.
+        The predicted efforts some time before and after a sample have the same coefficient, so that the response
+        contains no delay. Friction has separate ones: it is late where joints are elastic.
         """
-        noise = WhiteningFilter.fit(left, self.valid, self.min_noise)
-        answers = np.zeros_like(left)
-        for joint in range(left.shape[1]):
-            early, now, late = self._around(self.predicted[:, joint])
-            columns = np.stack([now, *(early + late), *(each for part in self._around(self.velocity_signs[:, joint])
-                                                       for each in np.atleast_2d(part))], axis=-1)  # fmt: skip
-            columns -= columns.mean(axis=0)
-            white = noise(columns[:, None], [joint])[:, 0]
-            target = noise(left[:, [joint]], [joint])[:, 0]
+        whitening = WhiteningFilter.fit(unexplained, self.valid, self.min_noise)
+        responses = np.zeros_like(unexplained)
+        for joint in range(unexplained.shape[1]):
+            columns = self._response_columns(joint)
+            white = whitening(columns[:, None], [joint])[:, 0]
+            target = whitening(unexplained[:, [joint]], [joint])[:, 0]
             scale = np.sqrt((white**2).sum(axis=0)) + 1e-9
             squares = (white / scale).T @ (white / scale) + RIDGE * np.eye(len(scale))
-            answers[:, joint] = columns @ (np.linalg.solve(squares, (white / scale).T @ target) / scale)
-        return replace(self, residuals=self.residuals - answers, predicted=self.predicted + answers)
+            responses[:, joint] = columns @ (np.linalg.solve(squares, (white / scale).T @ target) / scale)
+        return replace(self, residuals=self.residuals - responses, predicted=self.predicted + responses)
 
-    def _around(self, values):
-        """Values (N,) some samples before (K, N), now (N,), and as many behind (K, N)."""
-        apart = max(1, round(RESPONSE_DURATION / self.step / RESPONSE_SAMPLES))
+    def _response_columns(self, joint: int) -> Array:
+        """Columns (N, a) of zero mean, of which the response of a joint is a linear combination."""
+        earlier, now, later = self._neighbours(self.predicted[:, joint])
+        earlier_signs, signs, later_signs = self._neighbours(self.velocity_signs[:, joint])
+        columns = np.stack([now, *(earlier + later), *earlier_signs, signs, *later_signs], axis=-1)
+        columns -= columns.mean(axis=0)
+        return columns
+
+    def _neighbours(self, values: Array) -> tuple[Array, Array, Array]:
+        """Values (N,) some samples earlier (K, N), now (N,), and as many later (K, N)."""
+        spacing = max(1, round(RESPONSE_DURATION / self.step / RESPONSE_SAMPLES))
         count = min(RESPONSE_SAMPLES, int(RESPONSE_DURATION / self.step))
-        rows, last = np.arange(len(values)), len(values) - 1
-        lags = apart * np.arange(1, count + 1)[:, None]
-        return values[np.maximum(rows - lags, 0)], values, values[np.minimum(rows + lags, last)]
+        rows = np.arange(len(values))
+        lags = spacing * np.arange(1, count + 1)[:, None]
+        return values[np.maximum(rows - lags, 0)], values, values[np.minimum(rows + lags, len(values) - 1)]
+
+
+def _far_from_gaps(times: Array, step: float) -> BoolArray:
+    """Samples (N,) that are farther than EDGE_DURATION from both ends and all gaps."""
+    # before each sample, and after the last
+    is_gap = np.diff(times, prepend=-np.inf, append=np.inf) > 1.5 * step
+    is_edge = is_gap[:-1] | is_gap[1:]
+    width = 2 * max(2, int(EDGE_DURATION / step)) + 1
+    valid: BoolArray = maximum_filter1d(is_edge.astype(int), width) == 0
+    return valid

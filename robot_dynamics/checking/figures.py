@@ -1,52 +1,92 @@
-"""The figures of a check as PNG files, by Matplotlib."""
+"""The figures of a check as PNG files, by Matplotlib: Plotly, which the report uses, needs a browser to write PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-MEASURED, PREDICTED, RESIDUAL, FAULT = "#1f6fb4", "#e07b00", "#57606a", "#d1242f"
+from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from robot_dynamics.checking.check import CheckResult
+
+COLUMNS = 3  # of a grid of joints
 
 
-def write_figures(check, folder):
-    """Write `efforts.png`, `histograms.png` and `friction.png` of a Check into a folder; their Paths."""
+def write_figures(check: CheckResult, folder: Path) -> list[Path]:
+    """Write `efforts.png`, `histograms.png` and `friction.png` of a check into a folder; returns their paths."""
     folder.mkdir(parents=True, exist_ok=True)
-    times, measured, predicted, velocities = check.comparison.plot_samples
-    n = len(check.verdicts)
-    efforts = Figure(figsize=(11, 1.9 * n), layout="constrained")
-    for column, (axes, verdict) in enumerate(zip(efforts.subplots(n, 2, sharex=True, squeeze=False), check.verdicts,
-                                                 strict=True)):  # fmt: skip
-        axes[0].plot(times, measured[:, column], color=MEASURED, lw=0.8, label="measured")
-        axes[0].plot(times, predicted[:, column], color=PREDICTED, lw=0.8, label="predicted")
-        axes[1].plot(times, measured[:, column] - predicted[:, column], color=RESIDUAL, lw=0.8)
-        axes[1].axhspan(-verdict.tolerance, verdict.tolerance, color=RESIDUAL, alpha=0.1)
-        for segment in check.segments:
-            if segment.joint == verdict.joint.joint:
-                axes[1].axvspan(segment.start, segment.end, color=FAULT, alpha=0.2)
-        axes[0].set_title(f"{verdict.joint.joint}: {'passed' if verdict.passed else 'FAILED'}", fontsize=9)
-        axes[1].set_title(f"residual, RMS {verdict.joint.rms:.3g}, tolerated {verdict.tolerance:.3g}", fontsize=9)
-    efforts.axes[0].legend(fontsize=8)
-    efforts.supxlabel("time [s]")
-    residuals = measured - predicted
-    histograms = _grid(n, check, lambda axis, column: axis.hist(residuals[:, column], bins=60, color=RESIDUAL))
-    histograms.supxlabel("residual [N m or N]")
-    friction = _grid(n, check, lambda axis, column: axis.plot(velocities[:, column], residuals[:, column], ".", ms=1.5))
-    friction.supxlabel("velocity [rad/s or m/s]")
-    friction.supylabel("residual [N m or N]")
+    figures = {
+        "efforts": _draw_efforts(check),
+        "histograms": _draw_histograms(check),
+        "friction": _draw_friction(check),
+    }
     paths = []
-    for name, figure in (("efforts", efforts), ("histograms", histograms), ("friction", friction)):
+    for name, figure in figures.items():
         FigureCanvasAgg(figure)
-        paths.append(folder / f"{name}.png")
-        figure.savefig(paths[-1], dpi=110)
+        path = folder / f"{name}.png"
+        figure.savefig(path, dpi=110)
+        paths.append(path)
     return paths
 
 
-def _grid(n, check, draw):
-    rows = int(np.ceil(n / 3))
+def _draw_efforts(check: CheckResult) -> Figure:
+    """Measured and predicted efforts over time on the left, residuals on the right, a row for each joint."""
+    times, measured, predicted, _ = check.comparison.plot_samples
+    n = len(check.verdicts)
+    figure = Figure(figsize=(11, 1.9 * n), layout="constrained")
+    rows = figure.subplots(n, 2, sharex=True, squeeze=False)
+    for column, (axes, verdict) in enumerate(zip(rows, check.verdicts, strict=True)):
+        joint = verdict.joint
+        axes[0].plot(times, measured[:, column], color=MEASURED, lw=0.8, label="measured")
+        axes[0].plot(times, predicted[:, column], color=PREDICTED, lw=0.8, label="predicted")
+        axes[0].set_title(f"{joint.joint}: {'passed' if verdict.passed else 'FAILED'}", fontsize=9)
+        axes[1].plot(times, measured[:, column] - predicted[:, column], color=RESIDUAL, lw=0.8)
+        axes[1].axhspan(-verdict.tolerance, verdict.tolerance, color=RESIDUAL, alpha=0.1)
+        axes[1].set_title(f"residual, RMS {joint.rms:.3g}, tolerated {verdict.tolerance:.3g}", fontsize=9)
+        for segment in check.segments:
+            if segment.joint == joint.joint:
+                axes[1].axvspan(segment.start, segment.end, color=FAILED, alpha=0.2)
+    figure.axes[0].legend(fontsize=8)
+    figure.supxlabel("time [s]")
+    return figure
+
+
+def _draw_histograms(check: CheckResult) -> Figure:
+    """Histograms of the residuals."""
+    _, measured, predicted, _ = check.comparison.plot_samples
+    residuals = measured - predicted
+    figure = _draw_grid(check, lambda axes, column: axes.hist(residuals[:, column], bins=60, color=RESIDUAL))
+    figure.supxlabel("residual [N m or N]")
+    return figure
+
+
+def _draw_friction(check: CheckResult) -> Figure:
+    """Residuals over velocity."""
+    _, measured, predicted, velocities = check.comparison.plot_samples
+    residuals = measured - predicted
+    figure = _draw_grid(check, lambda axes, column: axes.plot(velocities[:, column], residuals[:, column], ".", ms=1.5))
+    figure.supxlabel("velocity [rad/s or m/s]")
+    figure.supylabel("residual [N m or N]")
+    return figure
+
+
+def _draw_grid(check: CheckResult, draw: Callable[[Axes, int], object]) -> Figure:
+    """A figure with axes for each joint; draw: called with the axes and the number of the joint."""
+    n = len(check.verdicts)
+    rows = int(np.ceil(n / COLUMNS))
     figure = Figure(figsize=(11, 2.6 * rows), layout="constrained")
-    axes = figure.subplots(rows, 3, squeeze=False).ravel()
+    grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
     for column, verdict in enumerate(check.verdicts):
-        draw(axes[column], column)
-        axes[column].set_title(verdict.joint.joint, fontsize=9)
-    for axis in axes[n:]:
-        axis.axis("off")
+        draw(grid[column], column)
+        grid[column].set_title(verdict.joint.joint, fontsize=9)
+    for axes in grid[n:]:
+        axes.axis("off")
     return figure

@@ -1,83 +1,121 @@
-"""Golden bags: predicted efforts written as a bag, to be plotted beside the measured ones, or to be compared with after
-a change of model or software."""
+"""Golden bags: predicted efforts written as a bag, to plot beside the measured ones, or to compare with after a change
+of model or software."""
 
 from itertools import islice
 from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.bags import JOINT_STATE, Bag, import_rosbag2, typestore
+from robot_dynamics.recordings.bags import JOINT_STATE, Bag, import_rosbag2, load_typestore
+from robot_dynamics.recordings.joint_motions import Motion
 
 TOPIC = "/predicted_effort"
 STAMP_TOLERANCE = 1_000  # [ns] between stamps that are the same
-EFFORT_TOLERANCE = 1e-6  # part of the largest effort of a joint that rounding and compilers may make
+EFFORT_TOLERANCE = 1e-6  # part of the largest effort of a joint, for differences by rounding and compilers
 
 
 class GoldenWriter:
     """Writes a bag of JointStates on TOPIC: filtered positions and velocities, predicted efforts. A context manager.
 
-    path: of a folder that is not there yet. Raises RecordingError, MissingPackageError.
+    Parameters
+    ----------
+    path : path of the folder of the bag, which must not exist.
+    joint_names : names of the n joints.
+
+    Raises
+    ------
+    RecordingError
+        Where the folder exists, or on entering cannot be written.
+    MissingPackageError
+        Where `rosbags` is not installed.
     """
 
-    def __init__(self, path, joint_names):
-        self.path, self._names = Path(path), list(joint_names)
+    def __init__(self, path: str | Path, joint_names: tuple[str, ...]) -> None:
+        self.path = Path(path)
+        self._joint_names = list(joint_names)
         if self.path.exists():
-            raise RecordingError(f"{self.path} is there already: a new folder is needed for the golden bag")
-        self._store = typestore()
+            raise RecordingError(f"{self.path} exists already: a new folder is needed for the golden bag")
+        self._typestore = load_typestore()
+        self._writer: Any = None  # of rosbags, which may be missing
+        self._connection: object = None
 
-    def __enter__(self):
+    def __enter__(self) -> "GoldenWriter":
+        rosbag2 = import_rosbag2()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = import_rosbag2().Writer(
-                self.path, version=9, storage_plugin=import_rosbag2().StoragePlugin.MCAP
-            )
+            self._writer = rosbag2.Writer(self.path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
             raise RecordingError(f"{self.path} cannot be written: {error.strerror}") from None
-        self._connection = self._writer.add_connection(TOPIC, JOINT_STATE, typestore=self._store)
+        self._connection = self._writer.add_connection(TOPIC, JOINT_STATE, typestore=self._typestore)
         return self
 
-    def __exit__(self, *raised):
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
         self._writer.close()
 
-    def add(self, motion, predicted, origin):
-        """Write the efforts (N, n) predicted for a Motion; origin: stamp [ns] of its time 0."""
-        types = self._store.types
-        state, header = types[JOINT_STATE], types["std_msgs/msg/Header"]
-        clock = types["builtin_interfaces/msg/Time"]
-        for time, *values in zip(stamps(motion, origin), motion.q, motion.qd, predicted, strict=True):
-            stamp = clock(*divmod(int(time), 1_000_000_000))
-            message = state(header(stamp, ""), self._names, *map(np.ascontiguousarray, values))
-            self._writer.write(self._connection, int(time), self._store.serialize_cdr(message, JOINT_STATE))
+    def add(self, motion: Motion, predicted: Array, origin: int) -> None:
+        """Write the predicted efforts (N, n) of a motion; origin: stamp [ns] of its time 0."""
+        types = self._typestore.types
+        JointState = types[JOINT_STATE]
+        Header = types["std_msgs/msg/Header"]
+        Time = types["builtin_interfaces/msg/Time"]
+        for stamp, *signals in zip(_stamps(motion, origin).tolist(), motion.q, motion.qd, predicted, strict=True):
+            header = Header(Time(*divmod(stamp, 1_000_000_000)), "")
+            message = JointState(header, self._joint_names, *map(np.ascontiguousarray, signals))
+            self._writer.write(self._connection, stamp, self._typestore.serialize_cdr(message, JOINT_STATE))
 
 
 class GoldenComparison:
     """Compares predicted efforts with those of a golden bag, message by message.
 
-    largest: (n,) differences [N m or N] so far, at: when [s]. Raises RecordingError where the bag does not fit.
+    Parameters
+    ----------
+    path : path of the golden bag.
+    joint_names : names of the n joints.
+
+    Attributes
+    ----------
+    largest, at : (n,) largest absolute difference so far [N m or N] and its time [s].
+
+    Raises
+    ------
+    RecordingError
+        Where the bag cannot be read, or has other joints or stamps.
     """
 
-    def __init__(self, path, joint_names):
+    def __init__(self, path: str | Path, joint_names: tuple[str, ...]) -> None:
         self.joint_names = tuple(joint_names)
-        if not Path(path).exists():
-            raise RecordingError(f"golden bag {path} is not there")
-        bag = Bag(Path(path))
-        self._path, self._samples = path, bag.samples(bag.joint_topics([TOPIC]))
+        self._path = Path(path)
+        if not self._path.exists():
+            raise RecordingError(f"golden bag {path} does not exist")
+        bag = Bag(self._path)
+        self._samples = bag.samples(bag.joint_topics([TOPIC]))
         n = len(self.joint_names)
-        self.largest, self.at, self._sizes = np.zeros(n), np.zeros(n), np.zeros(n)
+        self.largest = np.zeros(n)
+        self.at = np.zeros(n)
+        self._sizes = np.zeros(n)  # largest absolute efforts
 
-    def add(self, motion, predicted, origin):
-        """Compare the efforts (N, n) predicted for a Motion; origin: stamp [ns] of its time 0."""
-        told = list(islice(self._samples, len(motion)))
-        times = np.array([sample.stamp for sample in told])
-        if len(told) < len(motion) or np.abs(times - stamps(motion, origin)).max() > STAMP_TOLERANCE:
-            raise RecordingError(f"{self._path} is of another recording, or of another cut-off or rate: stamps differ")
-        if set(told[0].names) != set(self.joint_names):
-            raise RecordingError(f"{self._path} has joints {', '.join(told[0].names)}: {', '.join(self.joint_names)}"
-                                 " are needed")  # fmt: skip
-        order = [told[0].names.index(name) for name in self.joint_names]
-        golden = np.array([sample.effort for sample in told])[:, order]
+    def add(self, motion: Motion, predicted: Array, origin: int) -> None:
+        """Compare the predicted efforts (N, n) of a motion; origin: stamp [ns] of its time 0."""
+        samples = list(islice(self._samples, len(motion)))
+        stamps = np.array([sample.stamp for sample in samples])
+        if len(samples) < len(motion) or np.abs(stamps - _stamps(motion, origin)).max() > STAMP_TOLERANCE:
+            raise RecordingError(
+                f"{self._path} belongs to another recording, or to another cut-off or rate: stamps differ"
+            )
+        names = samples[0].names
+        if set(names) != set(self.joint_names):
+            raise RecordingError(
+                f"{self._path} has joints {', '.join(names)}: {', '.join(self.joint_names)} are needed"
+            )
+        order = [names.index(name) for name in self.joint_names]
+        golden = np.array([sample.effort for sample in samples])[:, order]
         differences = np.abs(predicted - golden)
         rows = differences.argmax(axis=0)
         peaks = differences.max(axis=0)
@@ -86,24 +124,28 @@ class GoldenComparison:
         self._sizes = np.maximum(self._sizes, np.abs(golden).max(axis=0))
 
     @property
-    def failures(self):
-        """Sentences on the joints that differ by more than rounding; and on messages that are left."""
-        found = [f"{name}: predicted effort differs from the golden bag by {largest:.3g} at {at:.4g} s"
-                 for name, largest, at, size in
-                 zip(self.joint_names, self.largest, self.at, self._sizes, strict=True)
-                 if largest > EFFORT_TOLERANCE * max(size, 1.0)]  # fmt: skip
+    def failures(self) -> tuple[str, ...]:
+        """Sentences on the joints that differ by more than rounding, and on samples that are left."""
+        sentences = [
+            f"{name}: predicted effort differs from the golden bag by {largest:.3g} at {time:.4g} s"
+            for name, largest, time, size in zip(self.joint_names, self.largest, self.at, self._sizes, strict=True)
+            if largest > EFFORT_TOLERANCE * max(size, 1.0)
+        ]
         if next(self._samples, None) is not None:
-            found.append(f"{self._path} has more samples than the recording")
-        return tuple(found)
+            sentences.append(f"{self._path} has more samples than the recording")
+        return tuple(sentences)
 
     @property
-    def agreement(self):
-        """The sentence where there are no objections."""
+    def agreement(self) -> str:
+        """The sentence for a comparison without failures."""
         worst = int(self.largest.argmax())
-        return (f"predicted efforts are those of the golden bag {self._path}, to {self.largest[worst]:.2g} at most "
-                f"({self.joint_names[worst]})")  # fmt: skip
+        return (
+            f"predicted efforts are those of the golden bag {self._path}, to {self.largest[worst]:.2g} at most "
+            f"({self.joint_names[worst]})"
+        )
 
 
-def stamps(motion, origin):
-    """(N,) stamps [ns] of a Motion, the time 0 of which is at `origin` [ns]."""
-    return origin + np.round(motion.times * 1e9).astype(np.int64)
+def _stamps(motion: Motion, origin: int) -> IntArray:
+    """Stamps (N,) [ns] of the samples of a motion, whose time 0 has the stamp `origin` [ns]."""
+    stamps: IntArray = origin + np.round(motion.times * 1e9).astype(np.int64)
+    return stamps

@@ -1,13 +1,40 @@
-"""The report of a check: one HTML file that opens without network, with figures to zoom in."""
+"""The report of a check: one HTML file that opens without network, with figures to zoom in, by Plotly.
 
+Matplotlib, which `figures` uses, draws no figures that a browser can zoom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
 from html import escape
+from types import ModuleType
+from typing import TYPE_CHECKING
 
-from robot_dynamics.checking.figures import FAULT, MEASURED, PREDICTED, RESIDUAL
+from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 from robot_dynamics.optional_packages import import_optional
 
-TABLE_HEADER = ("joint", "verdict", "RMS", "tolerated", "RMS / spread", "largest", "at [s]", "bias", "correlation", "scale",
-        "RMS unfiltered", "what is wrong")  # fmt: skip
-MAX_POINTS = 1500  # of a joint: each is an element of the page
+if TYPE_CHECKING:
+    from plotly.basedatatypes import BaseTraceType
+    from plotly.graph_objects import Figure
+
+    from robot_dynamics.checking.check import CheckResult, Verdict
+
+TABLE_HEADER = (
+    "joint",
+    "verdict",
+    "RMS",
+    "tolerated",
+    "RMS / spread",
+    "largest",
+    "at [s]",
+    "bias",
+    "correlation",
+    "scale",
+    "RMS unfiltered",
+    "failures",
+)
+MAX_POINTS = 1500  # points of a joint over velocity: each is an element of the page
+COLUMNS = 3  # of a grid of joints
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #1f2328; max-width: 1180px; margin: 2rem auto; padding: 0 1rem }
 h1 { font-size: 1.6rem; margin: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .4rem } p { margin: .3rem 0 }
@@ -20,20 +47,20 @@ th:first-child, td:first-child, th:last-child, td:last-child { text-align: left 
 """
 
 
-def import_plotly(module):
-    """A module of the package that draws. Raises MissingPackageError."""
+def import_plotly(module: str) -> ModuleType:
+    """A module of Plotly. Raises MissingPackageError."""
     return import_optional(f"plotly.{module}", "a report")
 
 
-def html_report(check):
-    """The text of the HTML file. Raises MissingPackageError where plotly is not installed."""
-    figures = [(f"joint-{column}", _joint_figure(check, column)) for column in range(len(check.verdicts))]
-    figures += [("histograms", _histograms(check)), ("friction", _friction(check))]
-    titles = [verdict.joint.joint for verdict in check.verdicts]
-    titles += [
-        "Residuals: how often which",
-        "Residuals over velocity: what looks like a step at zero or a slope is friction",
+def html_report(check: CheckResult) -> str:
+    """The text of the HTML file. Raises MissingPackageError where Plotly is not installed."""
+    figures = [
+        (f"joint-{column}", verdict.joint.joint, _joint_figure(check, column))
+        for column, verdict in enumerate(check.verdicts)
     ]
+    figures.append(("histograms", "Histograms of residuals", _histograms(check)))
+    friction_title = "Residuals over velocity: a step at zero or a slope indicates friction"
+    figures.append(("friction", friction_title, _friction(check)))
     parts = [
         "<!doctype html><html lang='en'><head><meta charset='utf-8'>",
         f"<title>{escape(check.recording)} against {escape(check.robot)}</title>",
@@ -41,11 +68,14 @@ def html_report(check):
         f"<script>{import_plotly('offline').get_plotlyjs()}</script></head><body>",
         f"<h1>{escape(check.recording)} {_badge(check.passed)}</h1>",
         f"<p>against robot <b>{escape(check.robot)}</b>: {check.comparison.samples} samples at {check.rate:.5g} Hz, "
-        f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay. Efforts in N m (N where a joint "
-        "slides); residual is measured less predicted, spread the standard deviation of what was measured.</p>",
-        _summary(check), _segments(check), _notes(check),
-    ]  # fmt: skip
-    for (name, figure), title in zip(figures, titles, strict=True):
+        f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay. Efforts are in N m (N for prismatic "
+        "joints). The residual is measured less predicted effort, the spread is the standard deviation of the measured "
+        "effort.</p>",
+        _joint_table(check),
+        _segment_table(check),
+        _note_list(check),
+    ]
+    for name, title, figure in figures:
         parts.append(f"<h2>{escape(title)}</h2>")
         parts.append(
             figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False})
@@ -53,85 +83,112 @@ def html_report(check):
     return "\n".join([*parts, "</body></html>"])
 
 
-def _badge(passed):
-    return f"<span class='badge {'passed' if passed else 'failed'}'>{'passed' if passed else 'failed'}</span>"
+def _badge(passed: bool) -> str:
+    word = "passed" if passed else "failed"
+    return f"<span class='badge {word}'>{word}</span>"
 
 
-def _summary(check):
-    rows = []
-    for verdict in check.verdicts:
-        joint = verdict.joint
-        numbers = (joint.rms, verdict.tolerance, joint.normalised, joint.largest, joint.at, joint.bias,
-                   joint.correlation, joint.scale, joint.rms_unfiltered)  # fmt: skip
-        cells = [escape(joint.joint), _badge(verdict.passed), *(f"{number:.3g}" for number in numbers),
-                 escape("; ".join(verdict.failures))]  # fmt: skip
-        rows.append("".join(f"<td>{cell}</td>" for cell in cells))
-    head = "".join(f"<th>{title}</th>" for title in TABLE_HEADER)
-    return f"<h2>Joints</h2><table id='joints'><tr>{head}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
+def _joint_table(check: CheckResult) -> str:
+    header = "".join(f"<th>{title}</th>" for title in TABLE_HEADER)
+    rows = "".join(f"<tr>{_joint_row(verdict)}</tr>" for verdict in check.verdicts)
+    return f"<h2>Joints</h2><table id='joints'><tr>{header}</tr>{rows}</table>"
 
 
-def _segments(check):
+def _joint_row(verdict: Verdict) -> str:
+    joint = verdict.joint
+    numbers = (
+        joint.rms,
+        verdict.tolerance,
+        joint.normalised,
+        joint.largest,
+        joint.at,
+        joint.bias,
+        joint.correlation,
+        joint.scale,
+        joint.rms_unfiltered,
+    )
+    cells = [
+        escape(joint.joint),
+        _badge(verdict.passed),
+        *(f"{number:.3g}" for number in numbers),
+        escape("; ".join(verdict.failures)),
+    ]
+    return "".join(f"<td>{cell}</td>" for cell in cells)
+
+
+def _segment_table(check: CheckResult) -> str:
     if not check.segments:
         return "<p class='quiet'>No second is out of tolerance.</p>"
-    ordered = sorted(check.segments, key=lambda segment: segment.start)
-    rows = "".join(f"<tr><td>{escape(s.joint)}</td><td>{s.start:.4g}</td><td>{s.end:.4g}</td><td>{s.rms:.3g}</td></tr>"
-                   for s in ordered)  # fmt: skip
-    head = "<tr><th>joint</th><th>from [s]</th><th>to [s]</th><th>RMS</th></tr>"
-    return f"<h2>Out of tolerance</h2><table id='segments'>{head}{rows}</table>"
+    segments = sorted(check.segments, key=lambda segment: segment.start)
+    header = "<tr><th>joint</th><th>from [s]</th><th>to [s]</th><th>RMS</th></tr>"
+    rows = "".join(
+        f"<tr><td>{escape(s.joint)}</td><td>{s.start:.4g}</td><td>{s.end:.4g}</td><td>{s.rms:.3g}</td></tr>"
+        for s in segments
+    )
+    return f"<h2>Out of tolerance</h2><table id='segments'>{header}{rows}</table>"
 
 
-def _notes(check):
+def _note_list(check: CheckResult) -> str:
     if not check.notes:
-        return "<p class='quiet'>Nothing of the recording was left out.</p>"
-    return f"<h2>Left out or filled in</h2><ul>{''.join(f'<li>{escape(note)}</li>' for note in check.notes)}</ul>"
+        return "<p class='quiet'>No samples were skipped or replaced.</p>"
+    notes = "".join(f"<li>{escape(note)}</li>" for note in check.notes)
+    return f"<h2>Skipped or replaced samples</h2><ul>{notes}</ul>"
 
 
-def _joint_figure(check, column):
-    go, subplots = import_plotly("graph_objects"), import_plotly("subplots")
+def _joint_figure(check: CheckResult, column: int) -> Figure:
+    """Efforts over time, and the residual below, with the tolerance and the segments that exceed it."""
+    go = import_plotly("graph_objects")
     times, measured, predicted, _ = check.comparison.plot_samples
     verdict = check.verdicts[column]
-    figure = subplots.make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4])
+    figure = import_plotly("subplots").make_subplots(
+        rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4]
+    )
     for row, values, name, colour in (
         (1, measured[:, column], "measured", MEASURED),
         (1, predicted[:, column], "predicted", PREDICTED),
         (2, measured[:, column] - predicted[:, column], "residual", RESIDUAL),
     ):
-        figure.add_trace(go.Scatter(x=times, y=values, name=name, mode="lines", line={"color": colour, "width": 1.2}),
-                         row=row, col=1)  # fmt: skip
+        line = {"color": colour, "width": 1.2}
+        figure.add_trace(go.Scatter(x=times, y=values, name=name, mode="lines", line=line), row=row, col=1)
     figure.add_hrect(-verdict.tolerance, verdict.tolerance, row=2, col=1, fillcolor=RESIDUAL, opacity=0.1, line_width=0)
     for segment in check.segments:
         if segment.joint == verdict.joint.joint:
-            figure.add_vrect(segment.start, segment.end, fillcolor=FAULT, opacity=0.15, line_width=0)
+            figure.add_vrect(segment.start, segment.end, fillcolor=FAILED, opacity=0.15, line_width=0)
     figure.update_xaxes(title_text="time [s]", row=2, col=1)
-    return _styled(figure, 420)
+    return _set_layout(figure, 420)
 
 
-def _histograms(check):
+def _histograms(check: CheckResult) -> Figure:
     _, measured, predicted, _ = check.comparison.plot_samples
+    residuals = measured - predicted
     Histogram = import_plotly("graph_objects").Histogram
-    return _grid(check, lambda column: Histogram(x=(measured - predicted)[:, column], nbinsx=80,
-                                                    marker_color=RESIDUAL))  # fmt: skip
+    return _grid(check, lambda column: Histogram(x=residuals[:, column], nbinsx=80, marker_color=RESIDUAL))
 
 
-def _friction(check):
+def _friction(check: CheckResult) -> Figure:
+    """Residuals over velocity, of MAX_POINTS samples or a few more."""
     _, measured, predicted, velocities = check.comparison.plot_samples
-    some = slice(None, None, max(1, len(measured) // MAX_POINTS))
+    rows = slice(None, None, max(1, len(measured) // MAX_POINTS))
+    residuals = (measured - predicted)[rows]
     Scatter = import_plotly("graph_objects").Scatter
-    return _grid(check, lambda column: Scatter(
-        x=velocities[some, column], y=(measured - predicted)[some, column], mode="markers",
-        marker={"size": 3, "color": MEASURED}))  # fmt: skip
+    marker = {"size": 3, "color": MEASURED}
+    return _grid(
+        check,
+        lambda column: Scatter(x=velocities[rows, column], y=residuals[:, column], mode="markers", marker=marker),
+    )
 
 
-def _grid(check, trace):
+def _grid(check: CheckResult, make_trace: Callable[[int], BaseTraceType]) -> Figure:
+    """A figure with a plot for each joint; make_trace: called with the number of the joint."""
     n = len(check.verdicts)
-    rows = -(-n // 3)
+    rows = -(-n // COLUMNS)
     titles = [verdict.joint.joint for verdict in check.verdicts]
-    figure = import_plotly("subplots").make_subplots(rows=rows, cols=3, subplot_titles=titles)
+    figure = import_plotly("subplots").make_subplots(rows=rows, cols=COLUMNS, subplot_titles=titles)
     for column in range(n):
-        figure.add_trace(trace(column), row=1 + column // 3, col=1 + column % 3)
+        figure.add_trace(make_trace(column), row=1 + column // COLUMNS, col=1 + column % COLUMNS)
     figure.update_layout(showlegend=False)
-    return _styled(figure, 240 * rows)
+    return _set_layout(figure, 240 * rows)
 
 
-def _styled(figure, height):
+def _set_layout(figure: Figure, height: int) -> Figure:
     return figure.update_layout(template="plotly_white", height=height, margin={"l": 50, "r": 20, "t": 30, "b": 40})

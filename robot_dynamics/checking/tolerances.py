@@ -1,5 +1,6 @@
-"""What is tolerated, from a YAML file; the one that ships is the default."""
+"""Tolerances of checks, from a YAML file; the default is `config/tolerances/default.yaml`."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,30 +14,56 @@ EXPECTED = "a YAML file of tolerances"
 
 @dataclass(frozen=True)
 class Tolerances:
-    """See config/tolerances/default.yaml for what each number means. joints: {joint: {key: number}} that differ."""
+    """Tolerated residuals.
+
+    Attributes
+    ----------
+    normalised_rms : tolerated RMS of the residual as a part of the spread of the measured effort; or
+    effort_share : as a part of the effort limit of the joint: the larger of the two is tolerated.
+    window_factor : factor on the tolerated RMS for a single window of one second.
+    joints : {joint: {normalised_rms, effort_share}} where a joint differs.
+    """
 
     normalised_rms: float
     effort_share: float
     window_factor: float
-    joints: dict = field(default_factory=dict)
+    joints: dict[str, dict[str, float]] = field(default_factory=dict)
 
-    def rms_tolerance(self, joint, spread, limit):
-        """The RMS of residuals [N m or N] that is tolerated of a joint: its spread of measured efforts, its limit."""
-        told = self.joints.get(joint, {})
-        normalised, share = (told.get(key, getattr(self, key)) for key in ("normalised_rms", "effort_share"))
-        return max(normalised * spread, share * limit)
+    def rms_tolerance(self, joint: str, spread: float, limit: float) -> float:
+        """Tolerated RMS of the residual of a joint [N m or N].
+
+        Parameters
+        ----------
+        joint : name.
+        spread : standard deviation of its measured effort [N m or N].
+        limit : its effort limit [N m or N].
+        """
+        overrides = self.joints.get(joint, {})
+        normalised_rms = overrides.get("normalised_rms", self.normalised_rms)
+        effort_share = overrides.get("effort_share", self.effort_share)
+        return max(normalised_rms * spread, effort_share * limit)
 
 
-def load_tolerances(path=None, joint_names=None):
-    """The Tolerances of a YAML file, where it does not tell those that ship; None: those. Raises DescriptionError.
+def load_tolerances(path: str | Path | None = None, joint_names: Collection[str] | None = None) -> Tolerances:
+    """Read tolerances from a YAML file.
 
-    joint_names: of the robot, None where any name may stand.
+    Parameters
+    ----------
+    path : path of the file, whose keys replace those of the default; None: the default.
+    joint_names : names of the joints of the robot; None: names are not checked.
+
+    Raises
+    ------
+    DescriptionError
+        Where the file cannot be read, or does not fit its schema or the joints.
     """
-    told = read_document(shipped_file("tolerances/default.yaml"), SCHEMA, EXPECTED).data
+    default = shipped_file("tolerances/default.yaml")
+    assert default is not None, "the package ships this file"
+    values = read_document(default, SCHEMA, EXPECTED).data
     if path is not None:
         document = read_document(Path(path), SCHEMA, EXPECTED)
         for name in document.data.get("joints", {}):
             if joint_names is not None and name not in joint_names:
                 document.fail(("joints", name), describe_unknown_name("joint", name, joint_names))
-        told = {**told, **document.data}
-    return Tolerances(**{key: value for key, value in told.items() if key != "format"})
+        values = {**values, **document.data}
+    return Tolerances(**{key: value for key, value in values.items() if key != "format"})

@@ -1,70 +1,102 @@
-"""Noise of residuals of joints without its colour, and what a change from some row on takes off it.
+"""Whitening of residuals, and the part of them that a change from some sample on explains.
 
-What a model does not know of a robot comes and goes slowly, and the residuals of one sample say what those of the next
-will be. An autoregression takes off what is foretold: what is left is white, and its squares can be counted.
+Errors of a model vary slowly, so that residuals of neighbouring samples are correlated. An autoregression predicts the
+residual of a sample from those before it. Its prediction errors are white, so that their squares can be compared with
+the variance of noise.
 """
+
+from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-AUTOREGRESSION_ORDER = 4  # of the autoregression
-VARIANCE_FLOOR = 1e-3  # of the variance of residuals that is white at least
+from robot_dynamics.array_types import Array, BoolArray
+
+AUTOREGRESSION_ORDER = 4
+VARIANCE_FLOOR = 1e-3  # part of the variance of residuals that is taken as white at least
 
 
 class WhiteningFilter:
-    """filters: (n, m + 1) of the joints, each with 1 first; weights: (N, n), 1 / noise, or 0 where nothing counts."""
+    """Filters of n joints that make their residuals white, of unit variance.
 
-    def __init__(self, filters, weights):
-        self.filters, self.weights = filters, weights
+    Parameters
+    ----------
+    filters : (n, m + 1) coefficients of each joint, the first of them 1.
+    weights : (N, n) 1 / standard deviation of the white residual; 0 for samples that do not count.
+    """
+
+    def __init__(self, filters: Array, weights: Array) -> None:
+        self.filters = filters
+        self.weights = weights
 
     @classmethod
-    def fit(cls, residuals, valid, min_noise):
-        """That of residuals (N, n) on sound rows (N,); least: (n,) noise that there is at least."""
-        filters, noise = zip(*(_autoregression(np.where(valid, column, 0), valid.sum()) for column in residuals.T),
-                             strict=True)  # fmt: skip
-        return cls(np.array(filters), valid[:, None] / np.maximum(noise, min_noise))
+    def fit(cls, residuals: Array, valid: BoolArray, min_noise: Array) -> "WhiteningFilter":
+        """Fit filters to residuals (N, n) on valid samples (N,); min_noise: (n,) least standard deviation."""
+        count = int(valid.sum())
+        fits = [_fit_autoregression(np.where(valid, column, 0), count) for column in residuals.T]
+        filters = np.array([coefficients for coefficients, _ in fits])
+        noise = np.array([deviation for _, deviation in fits])
+        return cls(filters, valid[:, None] / np.maximum(noise, min_noise))
 
-    def __call__(self, values, joints=slice(None)):
-        """Values (N, k, ...) of some joints, white."""
-        filters, weights = self.filters[joints], self.weights[:, joints]
+    def __call__(self, values: Array, joints: slice | Sequence[int] = slice(None)) -> Array:
+        """Apply the filters of some joints to values (N, k, ...) of these joints."""
+        filters = self.filters[joints]
+        weights = self.weights[:, joints]
         white = [lfilter(each, 1, values[:, column], axis=0) for column, each in enumerate(filters)]
-        return np.stack(white, axis=1) * weights.reshape(*weights.shape, *[1] * (values.ndim - 2))
+        whitened: Array = np.stack(white, axis=1) * weights.reshape(*weights.shape, *[1] * (values.ndim - 2))
+        return whitened
 
-    def correlation_sums(self, columns, residuals, joints):
-        """(squares (N, a, a), products (N, a)) of columns (N, k, a) of some joints that begin at each row, with white
-        residuals (N, n).
+    def correlation_sums(self, columns: Array, residuals: Array, joints: Sequence[int]) -> tuple[Array, Array]:
+        """Normal equations of a change that begins at each sample.
 
-        The filter must not see what columns were before they begin: a step is what dates a change best.
+        The filter must not use columns before the change begins: the step at its beginning dates a change best.
+
+        Parameters
+        ----------
+        columns : (N, k, a) effects of the change on k joints for unit values of its a sizes.
+        residuals : (N, n) white residuals.
+        joints : numbers of the k joints.
+
+        Returns
+        -------
+        squares : (N, a, a) and products : (N, a)
+            Sums over the samples from each sample on, of white columns with themselves and with residuals.
         """
-        r, w, m = residuals[:, joints], self(columns, joints), self.filters.shape[1] - 1
-        squares = _ahead(_suffix(np.einsum("tja,tjb->tab", w, w)), m)
-        products = _ahead(_suffix(np.einsum("tja,tj->ta", w, r)), m)
-        for row in range(m):  # after the beginning: only `row` columns before it are there
-            begun = sum(self.filters[joints, lag][:, None] * _ahead(columns, row - lag) for lag in range(row + 1))
-            begun = begun * _ahead(self.weights[:, joints], row)[..., None]
+        r = residuals[:, joints]
+        w = self(columns, joints)
+        order = self.filters.shape[1] - 1
+        squares = _shift_back(_sums_to_end(np.einsum("tja,tjb->tab", w, w)), order)
+        products = _shift_back(_sums_to_end(np.einsum("tja,tj->ta", w, r)), order)
+        for row in range(order):  # after the beginning, where only `row` columns before this one count
+            begun = sum(self.filters[joints, lag][:, None] * _shift_back(columns, row - lag) for lag in range(row + 1))
+            begun = begun * _shift_back(self.weights[:, joints], row)[..., None]
             squares += np.einsum("tja,tjb->tab", begun, begun)
-            products += np.einsum("tja,tj->ta", begun, _ahead(r, row))
+            products += np.einsum("tja,tj->ta", begun, _shift_back(r, row))
         return squares, products
 
 
-def _autoregression(values, count):
-    """(filter (m + 1,), noise) of values (N,), of which `count` are not 0: Yule and Walker."""
-    covariance = np.array(
-        [values[: len(values) - lag] @ values[lag:] for lag in range(AUTOREGRESSION_ORDER + 1)]
-    ) / max(1, count)
+def _fit_autoregression(values: Array, count: int) -> tuple[Array, float]:
+    """Filter (m + 1,) and standard deviation of the prediction error, by the Yule-Walker equations.
+
+    values: (N,), of which `count` are not 0.
+    """
+    products = [values[: len(values) - lag] @ values[lag:] for lag in range(AUTOREGRESSION_ORDER + 1)]
+    covariance = np.array(products) / max(1, count)
     covariance[0] = covariance[0] * (1 + VARIANCE_FLOOR) + 1e-30
-    foretold = solve_toeplitz(covariance[:AUTOREGRESSION_ORDER], covariance[1:])
-    return np.r_[1, -foretold], np.sqrt(max(covariance[0] - foretold @ covariance[1:], 0))
+    coefficients = cast(Array, solve_toeplitz(covariance[:AUTOREGRESSION_ORDER], covariance[1:]))
+    variance = covariance[0] - coefficients @ covariance[1:]
+    return np.r_[1, -coefficients], float(np.sqrt(max(variance, 0)))
 
 
-def _suffix(values):
-    """Sums of all rows from each row on."""
+def _sums_to_end(values: Array) -> Array:
+    """Sums of the rows from each row to the end."""
     return np.cumsum(values[::-1], axis=0)[::-1]
 
 
-def _ahead(values, rows):
-    """What stands so many rows later; 0 beyond the end."""
-    found = np.zeros_like(values)
-    found[: len(values) - rows] = values[rows:]
-    return found
+def _shift_back(values: Array, rows: int) -> Array:
+    """Values some rows later, 0 beyond the end."""
+    shifted = np.zeros_like(values)
+    shifted[: len(values) - rows] = values[rows:]
+    return shifted

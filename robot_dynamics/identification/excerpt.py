@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.checking.check import note_limit_violations
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.sample_sums import FactorSums, QualitySums
 from robot_dynamics.identification.triangular_factors import TriangularFactors
+from robot_dynamics.recordings.position_limits import note_limit_violations
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import filter_margin, lowpass
 

@@ -1,102 +1,95 @@
-"""From messages to stretches: joints of all topics on one uniform grid, in pieces that fit the memory.
+"""From messages to signal segments: joints of all topics on one uniform grid, in pieces that fit the memory.
 
-Stamps may jump, repeat or run back, joints may be spread over messages and topics in any order, values may be missing:
-all of it is counted in a Tally, and nothing is filled in across a gap.
+Stamps may jump, repeat or run back, joints may be spread over messages and topics in any order, values may be missing.
+SampleStatistics counts all of these cases, and nothing is filled in across a gap.
 """
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.recordings.clock import Clock
+from robot_dynamics.recordings.joint_samples import JointSample
+from robot_dynamics.recordings.message_layouts import JointNumbers, MessageLayouts
+from robot_dynamics.recordings.sample_bands import (
+    OVERLAP_SAMPLES,
+    Band,
+    Interval,
+    SampleRow,
+    StepHistory,
+    collect_bands,
+    drop_close_samples,
+    intersect_intervals,
+    measure_step,
+)
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import MIN_SPLINE_SAMPLES, interpolate_on_grid
 
-MESSAGES_PER_CHUNK = 20_000  # messages that are put on the grid at once
-BACKWARD_JUMP = 1.0  # [s] back that is another clock, and not a message that came late
-FORWARD_JUMP = 10.0  # [s] ahead of the time of recording that is another clock
-GAP_STEPS = 5.5  # steps of the grid, or of a slower topic, without a sample that are a gap
-OVERLAP_SAMPLES = 8  # samples kept for the interpolation of what follows
-MIN_SAMPLES = 8  # to tell the rate from
-MAX_STEPS_KEPT = 1000  # the latest ones of a topic, of which one is typical
-BURST_RATIO = 2.0  # median steps in a mean one, beyond which stamps come in bursts and the mean is the step
-MIN_BURST_SAMPLES = 50  # samples to tell that from
-MIN_STEP_RATIO = 0.3  # of a step: two samples closer to each other would give a spline the slope of their noise
-MAX_MESSAGE_LAYOUTS = 1000  # sorts of messages that are remembered
+MESSAGES_PER_CHUNK = 20_000  # messages that are resampled at once
 
 
 @dataclass(frozen=True, eq=False)
 class SignalSegment:
     """Samples without a gap on a uniform grid.
 
-    time: of the first sample [s] after the beginning of the recording; rate [1/s]; position, velocity, effort: (N, k),
-    columns of velocity and effort nan where they were not measured; continues: whether it goes on where the Stretch
-    before it ended.
+    Attributes
+    ----------
+    time : of the first sample [s] after the beginning of the recording.
+    rate : samples per second.
+    position, velocity, effort : (N, k); columns of velocity and effort are nan where they were not measured.
+    is_continuation : whether the segment begins where the segment before it ended.
     """
 
     time: float
     rate: float
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+    position: Array
+    velocity: Array
+    effort: Array
     is_continuation: bool
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.position)
 
 
-class Clock:
-    """Times [s] of samples after the first one: by their stamps, and by times of recording where the clock jumps."""
-
-    def __init__(self, statistics):
-        self.statistics, self.offset, self.jumped = statistics, None, False
-        self.latest = self.receive_time = 0
-
-    def time(self, sample):
-        """The time of a sample; `jumped`: whether the clock was set anew before it."""
-        stamp, self.jumped = sample.stamp, False
-        if stamp == 0 and sample.receive_time:
-            self.statistics.counts["zero_stamp"] += 1
-            stamp = sample.receive_time
-        if self.offset is None:
-            self.offset, self.receive_time, self.statistics.origin = -stamp, sample.receive_time, stamp
-        time, passed = stamp + self.offset, sample.receive_time - self.receive_time
-        ahead = time - self.latest
-        if ahead < -BACKWARD_JUMP * 1e9 or (sample.receive_time and ahead - passed > FORWARD_JUMP * 1e9):
-            self.jumped = True
-            self.statistics.counts["clock_jumps"] += 1
-            self.offset += self.latest + max(passed, 1_000_000) - time
-            time = stamp + self.offset
-        self.latest, self.receive_time = max(self.latest, time), sample.receive_time
-        return time * 1e-9
-
-
 class Resampler:
-    """Puts JointSamples together; `feed` them one by one, and `drain` what can be put on the grid."""
+    """Resamples joint samples: `feed` takes them one by one, `drain` returns the segments that are complete.
 
-    def __init__(self, names, statistics, rate=None):
-        self.names, self.statistics = tuple(names), statistics
+    Parameters
+    ----------
+    names : names of the k joints, in the order of the columns of the segments.
+    statistics : counts of skipped samples, updated while reading.
+    rate : samples per second of the grid; None: as recorded.
+
+    Attributes
+    ----------
+    step : step of the grid [s]; None until it is measured.
+    finished : segments that a clock jump ended; the caller takes and clears them.
+    """
+
+    def __init__(self, names: Sequence[str], statistics: SampleStatistics, rate: float | None = None) -> None:
+        self.names = tuple(names)
+        self.statistics = statistics
         self.step = None if rate is None else 1 / rate
-        self._places = {name: place for place, name in enumerate(self.names)}
-        self._known = {}  # (topic, names of a message) to (joints told, their columns)
-        self._owners = {}  # topic that tells of each joint
+        self.finished: list[SignalSegment] = []
+        self._layouts = MessageLayouts(self.names, statistics)
         self._clock = Clock(statistics)
-        self._rows, self._count = {}, 0  # {joints: [(time, position, velocity, effort)]}
-        self._end = None  # time of the last sample on the grid
-        self._short_end = -np.inf  # end of the last piece that was left out
-        self._counted, self._seen = {}, {}  # {joints: time up to which gaps are in the tally, and steps known}
-        self._steps = {}  # {joints: the latest steps (N,) [s] of their samples}
-        self.finished = []
+        self._rows: dict[JointNumbers, list[SampleRow]] = {}
+        self._new_rows = 0  # since the last `drain`
+        self._end: float | None = None  # time of the last sample on the grid
+        self._short_end = -np.inf  # end of the last piece that was skipped
+        self._gaps_counted_to: dict[JointNumbers, float] = {}  # by the joints of a band
+        self._step_histories: dict[JointNumbers, StepHistory] = {}  # by the joints of a band
 
-    def feed(self, sample):
-        """Take one sample; what a jump of the clock ends comes out in `finished`."""
+    def feed(self, sample: JointSample) -> None:
+        """Add one sample; segments that a clock jump ends are appended to `finished`.
+
+        Raises RecordingError where a joint is twice in the message, or joints are missing at a clock jump.
+        """
         self.statistics.messages += 1
-        key = sample.source, sample.names
-        if key not in self._known:
-            if len(self._known) >= MAX_MESSAGE_LAYOUTS:
-                self._known.clear()
-            self._known[key] = self._match(sample)
-        joints, columns = self._known[key]
+        joints, columns = self._layouts.layout(sample)
         if not joints:
             self.statistics.counts["no_known_joint"] += 1
             return
@@ -108,259 +101,168 @@ class Resampler:
         if self._clock.jumped:
             self.finished += self.drain(final=True)
         missing = np.full(len(joints), np.nan)
-        velocity, effort = (values[columns] if len(values) == size else missing
-                            for values in (sample.velocity, sample.effort))  # fmt: skip
-        self._rows.setdefault(joints, []).append((time, sample.position[columns], velocity, effort))
-        self._count += 1
-
-    def _match(self, sample):
-        """(numbers of the joints that messages like this tell of, ascending; their columns)."""
-        found = {}
-        for column, name in enumerate(sample.names):
-            place = self._places.get(name)
-            if place is None:
-                self.statistics["joints that the model does not ask for"] = name
-            elif self._owners.setdefault(place, sample.source) != sample.source:
-                self.statistics.counts["second_source"] += 1
-                self.statistics[f"joints that {sample.source} tells of too, and {self._owners[place]} before it"] = name
-            elif place in found:
-                raise RecordingError(f"{sample.source}: joint {name!r} is named twice in one message")
-            else:
-                found[place] = column
-        joints = tuple(sorted(found))
-        return joints, [found[place] for place in joints]
+        velocity = sample.velocity[columns] if len(sample.velocity) == size else missing
+        effort = sample.effort[columns] if len(sample.effort) == size else missing
+        self._rows.setdefault(joints, []).append(SampleRow(time, sample.position[columns], velocity, effort))
+        self._new_rows += 1
 
     @property
-    def is_full(self):
-        return self._count >= MESSAGES_PER_CHUNK
+    def is_full(self) -> bool:
+        """Whether a chunk of messages is complete, so that `drain` should be called."""
+        return self._new_rows >= MESSAGES_PER_CHUNK
 
     @property
-    def pending_rows(self):
-        """Rows that wait to be put on the grid, or for joints that are not told of."""
+    def pending_rows(self) -> int:
+        """Rows that are not on the grid yet, or wait for joints without messages."""
         return sum(map(len, self._rows.values()))
 
     @property
-    def offset(self):
-        """What is added to stamps [ns] to have times, as the clock stands; None before the first sample."""
+    def offset(self) -> int | None:
+        """Added to stamps [ns] to get times, at the current state of the clock; None before the first sample."""
         return self._clock.offset
 
-    def drain(self, final=False):
-        """The Stretches that are ready; with `final` all, and what comes next is not joined to them."""
-        told = {place for joints in self._rows for place in joints}
-        missing = [name for place, name in enumerate(self.names) if place not in told]
+    def drain(self, final: bool = False) -> list[SignalSegment]:
+        """Return the segments that are complete.
+
+        Parameters
+        ----------
+        final : return all, and start anew: later samples do not continue the last segment.
+
+        Raises
+        ------
+        RecordingError
+            With `final`, where joints are missing or the samples are too few to measure their rate.
+        """
+        recorded = {joint for joints in self._rows for joint in joints}
+        missing = [name for joint, name in enumerate(self.names) if joint not in recorded]
         if missing and not (final and self.statistics.messages):
             return []
         if missing:
-            self._forget()
-            recorded = ", ".join(self.names[place] for place in sorted(told)) or "none of them"
+            self._clear()
+            names = ", ".join(self.names[joint] for joint in sorted(recorded)) or "none of them"
             raise RecordingError(
-                f"joints missing: {', '.join(missing)}. Positions of all joints are needed, recorded are: {recorded}"
+                f"joints missing: {', '.join(missing)}. Positions of all joints are needed, recorded are: {names}"
             )
         try:
-            signal_segments, bands, limit = self._gridded(self._bands(), final)
+            bands = collect_bands(self._rows, len(self.names), self.statistics)
+            segments, bands, limit = self._resample_bands(bands, final)
         except Exception:
-            self._forget()  # else the same rows would raise it again with each drain
+            self._clear()  # else the same rows would raise the error again in each call
             raise
-        self.statistics.samples += sum(map(len, signal_segments))
+        self.statistics.samples += sum(map(len, segments))
         if final:
-            self._forget()
+            self._clear()
         else:
-            self._keep(bands, limit)
-        return signal_segments
+            self._keep_overlap(bands, limit)
+        return segments
 
-    def _gridded(self, bands, final):
-        """(the Stretches of bands, the bands, time up to which they are on the grid or left out)."""
-        without_any = not final and any(len(times) == 0 for _, times, *_ in bands)
-        if without_any or (self.step is None and not self._measure_step(bands, final)):
+    def _resample_bands(self, bands: list[Band], final: bool) -> tuple[list[SignalSegment], list[Band], float]:
+        """Returns the segments of bands; the bands; the time [s] up to which they are on the grid or skipped."""
+        has_empty_band = not final and any(len(band.times) == 0 for band in bands)
+        if has_empty_band:
             return [], bands, -np.inf
-        bands = [self._thinned(*band) for band in bands]
-        limit = np.inf if final else min(times[-1] for _, times, *_ in bands)
-        signal_segments, waiting = self._stretches(bands, limit)
-        return signal_segments, bands, min(limit, waiting)
+        if self.step is None:
+            self.step = measure_step(bands, final, self.statistics)
+        if self.step is None:
+            return [], bands, -np.inf
+        bands = [self._drop_close_samples(band) for band in bands]
+        limit = np.inf if final else min(band.times[-1] for band in bands)
+        segments, pending_start = self._segments(bands, limit, self.step)
+        return segments, bands, min(limit, pending_start)
 
-    def _stretches(self, bands, limit):
-        """(the Stretches up to a time, beginning of a piece that has too few samples and may go on, inf if none does).
+    def _drop_close_samples(self, band: Band) -> Band:
+        history = self._step_histories.setdefault(band.joints, StepHistory())
+        history.add(band.times)
+        return drop_close_samples(band, history.typical, self.statistics)
 
-        A piece between two gaps that has too few samples for a spline is left out, and counted.
+    def _segments(self, bands: list[Band], limit: float, step: float) -> tuple[list[SignalSegment], float]:
+        """Segments up to a time [s], and the start of a piece that has too few samples so far (inf: none).
+
+        A piece between two gaps with too few samples for a spline is skipped and counted.
         """
-        signal_segments, waiting = [], np.inf
-        for start, end in _intersected([self._intervals(joints, times) for joints, times, *_ in bands]):
-            done = self._short_end if self._end is None else max(self._short_end, self._end + 0.5 * self.step)
+        segments = []
+        pending_start = np.inf
+        gaps = {band.joints: self._step_histories[band.joints].gap(step) for band in bands}
+        for start, end in intersect_intervals([self._intervals(band, gaps[band.joints]) for band in bands]):
+            done = self._short_end if self._end is None else max(self._short_end, self._end + 0.5 * step)
             if start > limit or end <= done:
                 continue
-            if all(len(range(*self._near(joints, times, start, min(end, limit)))) >= MIN_SPLINE_SAMPLES
-                   for joints, times, *_ in bands):  # fmt: skip
-                signal_segments.append(self._stretch(bands, start, min(end, limit)))
+            ranges = [band.spline_range(start, min(end, limit), gaps[band.joints]) for band in bands]
+            if all(rows.stop - rows.start >= MIN_SPLINE_SAMPLES for rows in ranges):
+                segment = self._segment(bands, gaps, start, min(end, limit), step)
+                if segment is not None:
+                    segments.append(segment)
             elif end >= limit:
-                waiting = start
+                pending_start = start
             else:
-                self.statistics.counts["too_short"] += self._size(start, end)
+                self.statistics.counts["too_short"] += _grid_size(start, end, step)
                 self._short_end = end
-        return [stretch for stretch in signal_segments if stretch is not None], waiting
+        return segments, pending_start
 
-    def _bands(self):
-        """[(joints, times, position, velocity, effort)] of joints that are told together, in the order of time."""
-        partial = {place: [key for key in self._rows if place in key] for place in range(len(self.names))}
-        sets = {}
-        for place, keys in partial.items():
-            if keys:
-                sets.setdefault(tuple(keys), []).append(place)
-        return [self._band(keys, tuple(joints)) for keys, joints in sets.items()]
+    def _intervals(self, band: Band, gap: float) -> list[Interval]:
+        """(start, end) of the pieces of a band between gaps; gaps that are new are counted."""
+        intervals = band.intervals(gap)
+        if len(band.times) > 1:
+            counted_to = self._gaps_counted_to.get(band.joints, -np.inf)
+            self.statistics.counts["gaps"] += sum(bool(start > counted_to) for start, _ in intervals[1:])
+            self._gaps_counted_to[band.joints] = band.times[-1]
+        return intervals
 
-    def _band(self, keys, joints):
-        parts = []
-        for key in keys:
-            columns, rows = [key.index(place) for place in joints], self._rows[key]
-            times = np.array([row[0] for row in rows])
-            parts.append((times, *(np.array([row[field] for row in rows])[:, columns] for field in (1, 2, 3))))
-        times, *fields = (np.concatenate(part) for part in zip(*parts, strict=True))
-        if len(parts) > 1:
-            order = np.argsort(times, kind="stable")
-            times, fields = times[order], [field[order] for field in fields]
-        return self._sound(joints, times, *fields)
-
-    def _sound(self, joints, times, position, velocity, effort):
-        """The rows that are finite and later than all before them."""
-        latest = np.maximum.accumulate(times)
-        late = np.concatenate([[False], times[1:] <= latest[:-1]]) if len(times) else np.zeros(0, dtype=bool)
-        repeated = late & np.concatenate([[False], np.diff(times) == 0])[: len(late)]
-        measured = np.isfinite(effort).any(axis=0)
-        finite = np.isfinite(position).all(axis=1) & np.isfinite(effort[:, measured]).all(axis=1)
-        self.statistics.counts["duplicates"] += int(repeated.sum())
-        self.statistics.counts["out_of_order"] += int((late & ~repeated).sum())
-        self.statistics.counts["not_finite"] += int((~finite & ~late).sum())
-        good = finite & ~late
-        return joints, times[good], position[good], velocity[good], effort[good]
-
-    def _thinned(self, joints, times, *fields):
-        """A band without samples that are much closer to the one before than its samples are on the whole."""
-        self._note_steps(joints, times)
-        if len(times) < 2 or np.diff(times).min() >= (least := MIN_STEP_RATIO * self._typical(joints)):
-            return joints, times, *fields
-        kept, latest = np.zeros(len(times), dtype=bool), -np.inf
-        for row, time in enumerate(times):
-            if time - latest >= least:
-                kept[row], latest = True, time
-        self.statistics.counts["too_close"] += int((~kept).sum())
-        return joints, times[kept], *(field[kept] for field in fields)
-
-    def _note_steps(self, joints, times):
-        """Put the steps of a band that are new to those before them."""
-        latest, known = self._seen.get(joints, -np.inf), self._steps.get(joints, np.zeros(0))
-        if len(times) and times[-1] > latest:
-            new = times[max(0, np.searchsorted(times, latest, side="right") - 1) :]
-            self._steps[joints] = np.concatenate([known, np.diff(new)])[-MAX_STEPS_KEPT:]
-            self._seen[joints] = times[-1]
-
-    def _measure_step(self, bands, final):
-        steps = [np.diff(times) for _, times, *_ in bands if len(times) >= MIN_SAMPLES]
-        if not final and any(
-            len(each) < MIN_BURST_SAMPLES and np.mean(each) > BURST_RATIO * np.median(each) for each in steps
-        ):
-            return False  # gaps or bursts: more samples will show which
-        fastest = min(map(typical_step, steps), default=None)
-        if fastest is None and final:
-            most = max((len(times) for _, times, *_ in bands), default=0)
-            self._forget()
-            left_out = "".join(f"; {sentence}" for sentence in self.statistics.sentences)
-            raise RecordingError(f"{most} samples of the joints: {MIN_SAMPLES} at least are needed{left_out}")
-        self.step = fastest
-        return fastest is not None
-
-    def _intervals(self, joints, times):
-        """(start, end) of the pieces between gaps."""
-        if len(times) < 2:
-            return [(times[0], times[0])] if len(times) else []
-        cuts = np.flatnonzero(np.diff(times) > self._gap(joints))
-        self.statistics.counts["gaps"] += int((times[cuts + 1] > self._counted.get(joints, -np.inf)).sum())
-        self._counted[joints] = times[-1]
-        return list(zip(times[[0, *(cuts + 1)]], times[[*cuts, -1]], strict=True))
-
-    def _near(self, joints, times, start, end):
-        """(first, behind the last) of the samples that a spline from start to end takes: none beyond a gap."""
-        first = max(0, np.searchsorted(times, start) - OVERLAP_SAMPLES)
-        behind = min(len(times), np.searchsorted(times, end, side="right") + OVERLAP_SAMPLES)
-        cuts = 1 + first + np.flatnonzero(np.diff(times[first:behind]) > self._gap(joints))
-        before, after = cuts[times[cuts] <= start], cuts[times[cuts] > end]
-        return (before[-1] if len(before) else first), (after[0] if len(after) else behind)
-
-    def _gap(self, joints):
-        """The time [s] without a sample of a band that is a gap."""
-        steps = self._steps.get(joints, ())
-        if len(steps) < MIN_SAMPLES - 1:
-            return GAP_STEPS * self.step
-        typical = typical_step(steps)
-        return GAP_STEPS * max(self.step, typical, np.mean(steps[steps <= GAP_STEPS * typical]))
-
-    def _typical(self, joints):
-        """The typical step [s] of a band; 0 where there are too few of them yet."""
-        steps = self._steps.get(joints, ())
-        return typical_step(steps) if len(steps) >= MIN_SAMPLES - 1 else 0.0
-
-    def _size(self, first, end):
-        """How many samples of the grid there are from the first one to a time."""
-        return int(np.floor((end - first) / self.step + 1e-3)) + 1
-
-    def _stretch(self, bands, start, end):
-        is_continuation = self._end is not None and start <= self._end + 1e-6 * self.step
-        first = self._end + self.step if is_continuation else start
-        size = self._size(first, end)
+    def _segment(
+        self, bands: list[Band], gaps: dict[JointNumbers, float], start: float, end: float, step: float
+    ) -> SignalSegment | None:
+        """The segment from start to end [s]; None where the grid has no new point there."""
+        is_continuation = self._end is not None and start <= self._end + 1e-6 * step
+        first = self._end + step if self._end is not None and is_continuation else start
+        size = _grid_size(first, end, step)
         if size < 1:
             return None
-        grid = first + self.step * np.arange(size)
-        arrays = np.full((3, size, len(self.names)), np.nan)
-        for joints, times, *fields in bands:
-            near = slice(*self._near(joints, times, grid[0], grid[-1]))
-            for array, values in zip(arrays, fields, strict=True):
-                array[:, joints] = interpolate_on_grid(times[near], values[near], grid)
+        grid = first + step * np.arange(size, dtype=np.float64)
+        signals = np.full((3, size, len(self.names)), np.nan)
+        for band in bands:
+            rows = band.spline_range(grid[0], grid[-1], gaps[band.joints])
+            for columns, values in zip(signals, band.signals, strict=True):
+                columns[:, band.joints] = interpolate_on_grid(band.times[rows], values[rows], grid)
         self._end = grid[-1]
-        return SignalSegment(float(first), 1 / self.step, *arrays, is_continuation)
+        position, velocity, effort = signals
+        return SignalSegment(float(first), 1 / step, position, velocity, effort, is_continuation)
 
-    def _keep(self, bands, limit):
-        """Forget all but what the interpolation of the next samples needs."""
+    def _keep_overlap(self, bands: list[Band], limit: float) -> None:
+        """Keep only the rows that the interpolation of the next samples needs."""
         self._rows = {}
-        for joints, times, *fields in bands:
-            first = max(0, np.searchsorted(times, limit) - OVERLAP_SAMPLES)
-            if first < len(times):
-                self._rows[tuple(joints)] = list(zip(times[first:], *(field[first:] for field in fields), strict=True))
-        self._count = 0
+        for band in bands:
+            first = max(0, int(np.searchsorted(band.times, limit)) - OVERLAP_SAMPLES)
+            if first < len(band.times):
+                self._rows[band.joints] = band.select(slice(first, None)).rows()
+        self._new_rows = 0
 
-    def _forget(self):
-        self._rows, self._count, self._end = {}, 0, None
+    def _clear(self) -> None:
+        """Drop all rows; the next segment continues none."""
+        self._rows = {}
+        self._new_rows = 0
+        self._end = None
 
 
-def resample_samples(samples, names, statistics=None, rate=None):
-    """Yield the Stretches of JointSamples: positions, velocities and efforts of the joints `names`, in this order.
+def _grid_size(first: float, end: float, step: float) -> int:
+    """Points of a grid from its first time to another [s]."""
+    return int(np.floor((end - first) / step + 1e-3)) + 1
+
+
+def resample_samples(
+    samples: Iterable[JointSample],
+    names: Sequence[str],
+    statistics: SampleStatistics | None = None,
+    rate: float | None = None,
+) -> Iterator[SignalSegment]:
+    """Yield the segments of joint samples: positions, velocities and efforts of the joints `names`, in this order.
 
     rate: samples per second of the grid; None: as recorded. Raises RecordingError.
     """
-    assembly = Resampler(names, SampleStatistics() if statistics is None else statistics, rate)
+    resampler = Resampler(names, SampleStatistics() if statistics is None else statistics, rate)
     for sample in samples:
-        assembly.feed(sample)
-        yield from assembly.finished
-        assembly.finished = []
-        if assembly.is_full:
-            yield from assembly.drain()
-    yield from assembly.drain(final=True)
-
-
-def typical_step(steps):
-    """The typical one of the steps (N,) [s] between samples: the median, or the mean without gaps where that is much
-    longer, as where stamps come in bursts."""
-    median, mean = np.median(steps), np.mean(steps)
-    while mean > BURST_RATIO * median and len(steps) >= MIN_BURST_SAMPLES:
-        without_gaps = steps[steps <= GAP_STEPS * mean]
-        if len(without_gaps) == len(steps):
-            return float(mean)
-        steps = without_gaps
-        mean = np.mean(steps)
-    return float(median)
-
-
-def _intersected(lists):
-    """What all of some lists of intervals have in common."""
-    found = lists[0]
-    for others in lists[1:]:
-        pairs = ((max(a, c), min(b, d)) for a, b in found for c, d in others)
-        found = [(start, end) for start, end in pairs if start <= end]
-    return found
+        resampler.feed(sample)
+        yield from resampler.finished
+        resampler.finished = []
+        if resampler.is_full:
+            yield from resampler.drain()
+    yield from resampler.drain(final=True)

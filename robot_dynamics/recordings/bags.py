@@ -1,16 +1,26 @@
-"""Bags of rosbag2, folders and single files, sqlite3 and MCAP, compressed or not: their joint states, one by one.
+"""Bags of rosbag2: joint states and odometry in folders and single files, sqlite3 and MCAP, compressed or not.
 
-Without ROS: `rosbags` reads what is whole, and what breaks off is read up to there (`broken_bags`).
+ROS is not needed: `rosbags` reads complete files, and `damaged_bags` reads files that end early.
 """
 
 import re
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal, NamedTuple
 
 from robot_dynamics.errors import RecordingError, describe_unknown_name
 from robot_dynamics.optional_packages import import_optional
-from robot_dynamics.recordings.damaged_bags import MCAP_MAGIC, SQLITE_MAGIC, read_damaged_mcap, read_damaged_sqlite
-from robot_dynamics.recordings.joint_samples import sample_of_joint_state
+from robot_dynamics.recordings.damaged_bags import (
+    MCAP_MAGIC,
+    SQLITE_MAGIC,
+    RawMessage,
+    read_damaged_mcap,
+    read_damaged_sqlite,
+    shorten_error,
+)
+from robot_dynamics.recordings.joint_samples import JointSample, sample_of_joint_state
 from robot_dynamics.recordings.odometry import OdometryReader
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -18,157 +28,202 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 STORAGE_SUFFIXES = (".mcap", ".db3")
 
 
-def import_rosbag2():
+def import_rosbag2() -> ModuleType:
     """The module of the package `rosbags` that reads and writes bags. Raises MissingPackageError."""
     return import_optional("rosbags.rosbag2", "reading or writing a bag")
 
 
-def typestore():
+def load_typestore() -> Any:  # of rosbags, which may be missing
     """The message types of ROS 2 Jazzy, of the package `rosbags`. Raises MissingPackageError."""
     typesys = import_optional("rosbags.typesys", "reading or writing a bag")
     return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
-class Bag:
-    """A bag: `topics` {name: type}; `notes`, sentences on what is wrong with it; `samples`, as often as asked for.
+class TopicCount(NamedTuple):
+    """A topic of a bag file, its type and its number of messages."""
 
-    path: a Path of a folder or a file. Raises RecordingError where nothing in it can be read, MissingPackageError
-    where the package that reads bags is not installed.
+    topic: str
+    type: str
+    messages: int
+
+
+class Bag:
+    """A bag, complete or damaged.
+
+    Parameters
+    ----------
+    path : of a folder or a file.
+
+    Attributes
+    ----------
+    topics : {name: type} of all topics.
+    counts : {topic: number of messages}.
+    notes : sentences on damage; complete after `samples` was read.
+
+    Raises
+    ------
+    RecordingError
+        Where nothing in the files can be read.
+    MissingPackageError
+        Where `rosbags` is not installed.
     """
 
-    def __init__(self, path):
-        import_rosbag2()  # before anything that would take its absence for a fault of the file
-        self.path, self.notes = path, []
-        self._parts = [path]
-        if path.is_dir() and (trouble := _trouble(path)):
-            self._parts = _storage_files(path)
-            if not self._parts:
-                raise RecordingError(
-                    f"{path} is no bag: it has neither metadata.yaml nor files {', '.join(STORAGE_SUFFIXES)}"
-                )
-            self.add_note(f"metadata.yaml cannot be used ({trouble}): the files of the folder are read one by one")
-        self._broken = {part: _is_broken(part, self.add_note) for part in self._parts}
-        self.topics, self.counts = {}, {}
-        for part in self._parts:
-            for topic, kind, count in self._listed(part):
+    def __init__(self, path: Path) -> None:
+        import_rosbag2()  # first, so that a missing package is not reported as a damaged file
+        self.path = path
+        self.notes: list[str] = []
+        self._files = self._readable_parts()
+        self._damaged = {file for file in self._files if _is_damaged(file, self.add_note)}
+        self.topics: dict[str, str] = {}
+        self.counts: dict[str, int] = {}
+        for file in self._files:
+            for topic, kind, messages in self._topic_counts(file):
                 self.topics[topic] = kind
-                self.counts[topic] = self.counts.get(topic, 0) + count
+                self.counts[topic] = self.counts.get(topic, 0) + messages
 
-    def add_note(self, sentence):
+    def _readable_parts(self) -> list[Path]:
+        """The path itself, or the files of a folder whose metadata.yaml cannot be used."""
+        error = _read_error(self.path) if self.path.is_dir() else None
+        if error is None:
+            return [self.path]
+        files = _storage_files(self.path)
+        if not files:
+            suffixes = ", ".join(STORAGE_SUFFIXES)
+            raise RecordingError(f"{self.path} is no bag: it has neither metadata.yaml nor files {suffixes}")
+        self.add_note(f"metadata.yaml cannot be used ({error}): the files of the folder are read one by one")
+        return files
+
+    def add_note(self, sentence: str) -> None:
+        """Append a sentence to the notes, once."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def joint_topics(self, requested=()):
-        """The topics that are wanted, else all with joint states. Raises RecordingError where there is none."""
+    def joint_topics(self, requested: Sequence[str] = ()) -> list[str]:
+        """The requested topics, or all of joint states; those named joint_states first.
+
+        Raises RecordingError where a topic is missing or of another type, or there is none.
+        """
         for topic in requested:
             if topic not in self.topics:
                 raise RecordingError(f"{self.path}: {describe_unknown_name('topic', topic, self.topics)}")
             if self.topics[topic] != JOINT_STATE:
                 raise RecordingError(f"{self.path}: topic {topic} is {self.topics[topic]}: {JOINT_STATE} is needed")
-        found = list(requested) or sorted(topic for topic, kind in self.topics.items() if kind == JOINT_STATE)
-        if not found:
-            told = "; ".join([*self.notes, *(f"{topic}: {kind}" for topic, kind in self.topics.items())])
-            raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {told[:500] or 'nothing'}")
-        return sorted(found, key=lambda topic: (not topic.endswith("joint_states"), topic))
+        topics = list(requested) or [topic for topic, kind in self.topics.items() if kind == JOINT_STATE]
+        if not topics:
+            content = "; ".join([*self.notes, *(f"{topic}: {kind}" for topic, kind in self.topics.items())])
+            raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {content[:500] or 'nothing'}")
+        return sorted(topics, key=lambda topic: (not topic.endswith("joint_states"), topic))
 
-    def base_topics(self, requested=()):
-        """The topic that tells how the base moves: the one of ODOMETRY that is wanted, else the only one there is."""
+    def base_topics(self, requested: Collection[str] = ()) -> list[str]:
+        """The topic of odometry: the one that is requested, or the only one.
+
+        Raises RecordingError where there is none, or several and none of them is requested.
+        """
         odometry = [topic for topic, kind in self.topics.items() if kind == ODOMETRY]
-        found = [topic for topic in odometry if topic in requested] or sorted(odometry)
-        if len(found) != 1:
-            told = f"name one of {', '.join(found)}" if found else f"it has no topic of {ODOMETRY}"
-            raise RecordingError(f"{self.path}: the base of the robot moves, and how must be recorded: {told}")
-        return found
+        topics = [topic for topic in odometry if topic in requested] or sorted(odometry)
+        if len(topics) != 1:
+            remedy = f"name one of {', '.join(topics)}" if topics else f"it has no topic of {ODOMETRY}"
+            raise RecordingError(f"{self.path}: the base of the robot moves, so that odometry is needed: {remedy}")
+        return topics
 
-    def samples(self, topics, base=None):
-        """Yield the JointSamples of topics, in the order of the bag; of ODOMETRY those of the link `base`."""
-        store, unread = typestore(), 0
-        odometry = OdometryReader(base)
-        for topic, recorded, data in self._messages(topics):
+    def samples(self, topics: Collection[str], base: str | None = None) -> Iterator[JointSample]:
+        """Yield the joint samples of topics, in the order of the bag.
+
+        base: name of the base link, whose motion topics of odometry contain. Raises RecordingError where they contain
+        the motion of another link.
+        """
+        typestore = load_typestore()
+        odometry = OdometryReader(base or "")
+        unreadable = 0
+        for raw in self._messages(topics):
+            kind = self.topics[raw.topic]
             try:
-                message = store.deserialize_cdr(data, self.topics[topic])
-            except Exception:  # bytes that are no message: numpy, struct and text decoding say so each in its way
-                unread += 1
+                message = typestore.deserialize_cdr(raw.data, kind)
+            except Exception:  # numpy, struct and text decoding raise different errors for damaged bytes
+                unreadable += 1
                 continue
-            read = odometry.sample if self.topics[topic] == ODOMETRY else sample_of_joint_state
-            yield read(topic, recorded, message)
-        if unread:
-            self.add_note(f"{unread} messages are damaged, and were left out")
+            convert = odometry.sample if kind == ODOMETRY else sample_of_joint_state
+            yield convert(raw.topic, raw.receive_time, message)
+        if unreadable:
+            self.add_note(f"{unreadable} messages are damaged and were skipped")
 
-    def _messages(self, topics):
-        for part in self._parts:
-            if self._broken[part]:
-                for topic, _, recorded, data in _until_broken(part, self.add_note):
-                    if topic in topics:
-                        yield topic, recorded, data
+    def _messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+        for file in self._files:
+            if file in self._damaged:
+                yield from (raw for raw in _read_damaged(file, self.add_note) if raw.topic in topics)
             else:
-                yield from self._whole(part, topics)
+                yield from self._read_complete(file, topics)
 
-    def _whole(self, part, topics):
+    def _read_complete(self, file: Path, topics: Collection[str]) -> Iterator[RawMessage]:
+        """Yield the messages of a file that `rosbags` opens; where reading fails, a note is added."""
         count = 0
         with ExitStack() as stack:
-            reader = stack.enter_context(import_rosbag2().Reader(part))
+            reader = stack.enter_context(import_rosbag2().Reader(file))
             connections = [connection for connection in reader.connections if connection.topic in topics]
+            if not connections:
+                return
             try:
-                for connection, recorded, data in reader.messages(connections) if connections else ():
-                    yield connection.topic, recorded, data
+                for connection, receive_time, data in reader.messages(connections):
+                    yield RawMessage(connection.topic, connection.msgtype, receive_time, data)
                     count += 1
             except Exception as error:
-                told = " ".join(str(error).split())[:100] or type(error).__name__
-                self.add_note(f"{part.name} breaks off after {count} messages ({told})")
+                self.add_note(f"{file.name} breaks off after {count} messages ({shorten_error(error)})")
 
-    def _listed(self, part):
-        """(topic, type, messages) of a part."""
-        if not self._broken[part]:
-            with import_rosbag2().Reader(part) as reader:
-                return [(each.topic, each.msgtype, each.msgcount) for each in reader.connections]
-        counts = {}
-        for topic, kind, _, _ in _until_broken(part, self.add_note):
-            counts[topic, kind] = counts.get((topic, kind), 0) + 1
-        return [(*key, count) for key, count in counts.items()]
+    def _topic_counts(self, file: Path) -> list[TopicCount]:
+        if file not in self._damaged:
+            with import_rosbag2().Reader(file) as reader:
+                return [TopicCount(each.topic, each.msgtype, each.msgcount) for each in reader.connections]
+        counts: dict[tuple[str, str], int] = {}
+        for raw in _read_damaged(file, self.add_note):
+            counts[raw.topic, raw.type] = counts.get((raw.topic, raw.type), 0) + 1
+        return [TopicCount(*key, count) for key, count in counts.items()]
 
 
-def _trouble(path):
-    """Why `rosbags` refuses a bag; empty where it does not."""
+def _read_error(path: Path) -> str | None:
+    """The reason why `rosbags` cannot open a bag; None where it can."""
     try:
         with import_rosbag2().Reader(path):
-            return ""
+            return None
     except Exception as error:
-        return " ".join(str(error).split())[:200] or type(error).__name__
+        return shorten_error(error, length=200)
 
 
-def _storage_files(folder):
-    """Files of a folder, those of a split bag in their order: run_2.mcap before run_10.mcap."""
+def _storage_files(folder: Path) -> list[Path]:
+    """Files of a folder; those of a split bag in their order: run_2.mcap before run_10.mcap."""
 
-    def order(path):
+    def order(path: Path) -> list[int | str]:
         return [int(digits) if digits.isdigit() else digits for digits in re.split(r"(\d+)", path.name)]
 
     return sorted((path for path in folder.iterdir() if path.suffix in STORAGE_SUFFIXES), key=order)
 
 
-def _is_broken(part, note):
-    """Whether a file has to be read without its end; a folder has been read already."""
-    if part.is_dir():
+def _is_damaged(file: Path, note: Callable[[str], None]) -> bool:
+    """Whether a file is incomplete or was not closed; then `note` is called with a sentence. False for a folder."""
+    if file.is_dir():
         return False
-    log = Path(f"{part}-wal")
-    unwritten = log.exists() and log.stat().st_size > 0
-    if not unwritten and not (trouble := _trouble(part)):
+    log = Path(f"{file}-wal")
+    if log.exists() and log.stat().st_size > 0:
+        _storage_format(file)
+        note(f"{file.name} was not closed: its write-ahead log is read too")
+        return True
+    error = _read_error(file)
+    if error is None:
         return False
-    kind = _kind(part)
-    note(f"{part.name} was not closed: its write-ahead log is read too" if unwritten else
-         f"{part.name} is not whole ({trouble}): it is read as {kind} up to where it breaks")  # fmt: skip
+    note(f"{file.name} is incomplete ({error}): it is read as {_storage_format(file)} to where it breaks off")
     return True
 
 
-def _kind(part):
-    with part.open("rb") as file:
-        beginning = file.read(16)
-    if beginning.startswith(MCAP_MAGIC):
+def _storage_format(file: Path) -> Literal["MCAP", "sqlite3"]:
+    """The format of a file by its first bytes. Raises RecordingError where it is none of a bag."""
+    with file.open("rb") as opened:
+        magic = opened.read(16)
+    if magic.startswith(MCAP_MAGIC):
         return "MCAP"
-    if beginning == SQLITE_MAGIC:
+    if magic == SQLITE_MAGIC:
         return "sqlite3"
-    raise RecordingError(f"{part} is no bag: its first bytes are those of neither MCAP nor sqlite3")
+    raise RecordingError(f"{file} is no bag: its first bytes are those of neither MCAP nor sqlite3")
 
 
-def _until_broken(part, note):
-    return (read_damaged_mcap if _kind(part) == "MCAP" else read_damaged_sqlite)(part, note)
+def _read_damaged(file: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
+    read = read_damaged_mcap if _storage_format(file) == "MCAP" else read_damaged_sqlite
+    return read(file, note)

@@ -1,153 +1,235 @@
-"""From stretches of recorded signals to motions of the joints: filtered, with accelerations, in pieces."""
+"""From segments of recorded signals to motions of the joints: filtered, with accelerations, in pieces."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.inputs import Base
+from robot_dynamics.recordings.alignment import SignalSegment
+from robot_dynamics.recordings.drives import Drives
 from robot_dynamics.recordings.odometry import concatenate_bases, filter_base_motion, slice_base
+from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import choose_cutoff, differentiate, filter_margin, lowpass
 
-EDGE_PERIODS = 1.0  # periods of the cut-off at each end of a stretch in which the filter has to guess what was beyond
-MIN_FILTER_SAMPLES = 20  # samples that the filter needs, however high its cut-off
-SAMPLED_FIELDS = ("q", "qd", "qdd", "efforts", "unfiltered_efforts")  # of a Motion, a row for each sample
-PIECE_MARGINS = 4  # margins that a piece has at least, so that less than half of the work is done twice
+EDGE_PERIODS = 1.0  # periods of the cut-off at each end of a segment, where the filter has data on one side only
+MIN_FILTER_SAMPLES = 20  # samples that the filter needs at any cut-off
+PIECE_MARGINS = 4  # least length of a piece in margins, so that less than half of the samples are filtered twice
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A piece of motion on a uniform grid, without a gap.
+    """A piece of joint motion on a uniform grid, without a gap.
 
-    time: of the first sample [s]; rate [1/s]; cutoff [Hz]; q, qd, qdd, efforts: (N, n), filtered; unfiltered: the
-    efforts (N, n) before; measured: (n,) whether efforts of a joint were measured at all, they are zero where not;
-    base: Base of N samples with accelerations, None where none was recorded.
+    Attributes
+    ----------
+    time : of the first sample [s] after the beginning of the recording.
+    rate : samples per second.
+    cutoff : cut-off frequency of the filter [Hz].
+    q, qd, qdd : (N, n) positions, velocities, accelerations [rad or m, with s], filtered.
+    efforts : (N, n) measured efforts [N m or N], filtered; zero where not measured.
+    unfiltered_efforts : (N, n) measured efforts before the filter; zero where not measured.
+    has_efforts : (n,) whether the efforts of a joint were measured.
+    base : motion of the base with accelerations, N samples; None where it was not recorded.
     """
 
     time: float
     rate: float
     cutoff: float
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
-    efforts: np.ndarray
-    unfiltered_efforts: np.ndarray
-    has_efforts: np.ndarray
+    q: Array
+    qd: Array
+    qdd: Array
+    efforts: Array
+    unfiltered_efforts: Array
+    has_efforts: BoolArray
     base: Base | None = None
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.q)
 
     @property
-    def times(self):
-        """(N,) [s]."""
-        return self.time + np.arange(len(self)) / self.rate
+    def times(self) -> Array:
+        """(N,) times [s] of the samples."""
+        times: Array = self.time + np.arange(len(self)) / self.rate
+        return times
 
     @property
-    def end(self):
-        """The time [s] at which the next sample would be."""
+    def end(self) -> float:
+        """Time [s] at which the next sample would be."""
         return self.time + len(self) / self.rate
 
-    def concatenate(self, other):
-        """The Motion of the samples of both."""
-        arrays = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in SAMPLED_FIELDS}
-        base = concatenate_bases(self.base, other.base)
-        return replace(self, has_efforts=self.has_efforts & other.has_efforts, base=base, **arrays)
+    def concatenate(self, other: "Motion") -> "Motion":
+        """The samples of both; `other` begins where this one ends."""
+        return replace(
+            self,
+            q=np.concatenate([self.q, other.q]),
+            qd=np.concatenate([self.qd, other.qd]),
+            qdd=np.concatenate([self.qdd, other.qdd]),
+            efforts=np.concatenate([self.efforts, other.efforts]),
+            unfiltered_efforts=np.concatenate([self.unfiltered_efforts, other.unfiltered_efforts]),
+            has_efforts=self.has_efforts & other.has_efforts,
+            base=concatenate_bases(self.base, other.base),
+        )
 
-    def slice_samples(self, begin, end):
-        """The Motion of samples `begin` to `end`."""
-        arrays = {name: getattr(self, name)[begin:end] for name in SAMPLED_FIELDS}
-        base = slice_base(self.base, slice(begin, end))
-        return replace(self, time=self.time + begin / self.rate, base=base, **arrays)
+    def slice_samples(self, begin: int, end: int) -> "Motion":
+        """The samples from `begin` to `end`, without the last."""
+        rows = slice(begin, end)
+        return replace(
+            self,
+            time=self.time + begin / self.rate,
+            q=self.q[rows],
+            qd=self.qd[rows],
+            qdd=self.qdd[rows],
+            efforts=self.efforts[rows],
+            unfiltered_efforts=self.unfiltered_efforts[rows],
+            base=slice_base(self.base, rows),
+        )
 
 
-def filter_motions(signal_segments, drives, statistics, cutoff=None):
-    """Yield the Motions of Stretches: joints of drives, what is above the cut-off [Hz] taken away, without delay.
-    Stretches may have SIGNALS of a base after those of the motors.
+def filter_motions(
+    signal_segments: Iterable[SignalSegment],
+    drives: Drives,
+    statistics: SampleStatistics,
+    cutoff: float | None = None,
+) -> Iterator[Motion]:
+    """Yield the motions of the joints in segments of signals, low-pass filtered without delay.
 
-    cutoff: None: `DEFAULT_CUTOFF`, or what the rate allows. Accelerations are derivatives of filtered velocities,
-    velocities that were not measured those of positions. Raises RecordingError.
+    Accelerations are derivatives of filtered velocities; velocities that were not measured are derivatives of
+    positions.
+
+    Parameters
+    ----------
+    signal_segments : signals of the motors, in the order of `drives.names`; `BASE_SIGNALS` may follow them.
+    drives : conversion from motors to joints.
+    statistics : counts of skipped samples, updated while reading.
+    cutoff : cut-off frequency [Hz]; None: 8, or a fifth of the rate where that is lower.
+
+    Raises
+    ------
+    RecordingError
+        Where the cut-off does not fit the rate.
     """
-    smoothing = MotionFilter(drives, statistics, cutoff)
-    for stretch in signal_segments:
-        yield from smoothing.feed(stretch)
-    yield from smoothing.flush()
+    motion_filter = MotionFilter(drives, statistics, cutoff)
+    for segment in signal_segments:
+        yield from motion_filter.feed(segment)
+    yield from motion_filter.flush()
 
 
 class MotionFilter:
-    """What `motions` does, for Stretches that come one by one.
+    """`filter_motions` for segments that come one by one.
 
-    piece: margins of the filter that are there before it runs, more than 2: the fewer, the sooner Motions come, and the
-    more often what lies in the margins is filtered. A sample is told one margin, 6 periods of the cut-off, after it
-    came, and what is new of a piece besides: what comes after it, the filter must see.
+    The filter of a sample uses samples up to one margin, 6 periods of the cut-off, after it. A motion is therefore
+    returned one margin after its samples, plus the new part of a piece.
+
+    Parameters
+    ----------
+    piece_margins : length of a piece in margins of the filter, more than 2. Short pieces come sooner and filter more
+        samples twice.
     """
 
-    def __init__(self, drives, statistics, cutoff=None, piece=PIECE_MARGINS):
-        self._drives, self._tally, self._cutoff, self._piece = drives, statistics, cutoff, piece
-        self._pending = None
+    def __init__(
+        self,
+        drives: Drives,
+        statistics: SampleStatistics,
+        cutoff: float | None = None,
+        piece_margins: float = PIECE_MARGINS,
+    ) -> None:
+        self._drives = drives
+        self._statistics = statistics
+        self._cutoff = cutoff
+        self._piece_margins = piece_margins
+        self._pending: _PendingSignals | None = None
 
-    def feed(self, stretch):
-        """Yield the Motions that are ready."""
-        if not stretch.is_continuation:
+    def feed(self, segment: SignalSegment) -> Iterator[Motion]:
+        """Yield the motions that are complete with this segment."""
+        if not segment.is_continuation:
             yield from self.flush()
         if self._pending is None:
-            cutoff = choose_cutoff(stretch.rate, self._cutoff)
-            self._pending = _Pending(stretch, self._drives, cutoff, self._piece)
-        yield from self._pending.feed(stretch, self._tally)
+            cutoff = choose_cutoff(segment.rate, self._cutoff)
+            self._pending = _PendingSignals(segment, self._drives, cutoff, self._piece_margins)
+        yield from self._pending.feed(segment, self._statistics)
 
-    def flush(self):
-        """Yield what waited for more, which does not come."""
-        pending, self._pending = self._pending, None
+    def flush(self) -> Iterator[Motion]:
+        """Yield the rest of the last segment; no samples continue it."""
+        pending = self._pending
+        self._pending = None
         if pending is not None:
-            yield from pending.flush(self._tally)
+            yield from pending.flush(self._statistics)
 
 
-class _Pending:
-    """Samples of one stretch that wait for those after them, which the filter must see."""
+class _PendingSignals:
+    """Signals of one segment whose filter needs later samples."""
 
-    def __init__(self, stretch, drives, cutoff, piece):
-        self.drives, self.rate, self.cutoff, self.piece = drives, stretch.rate, cutoff, piece
-        self.filter_margin = filter_margin(stretch.rate, cutoff)
-        self.edge = int(np.ceil(EDGE_PERIODS * stretch.rate / self.cutoff))
-        self.time, self.skipped = stretch.time, self.edge
-        self.signals = np.zeros((3, 0, stretch.position.shape[1]))  # motors, then the base where it was recorded
+    def __init__(self, segment: SignalSegment, drives: Drives, cutoff: float, piece_margins: float) -> None:
+        self._drives = drives
+        self._rate = segment.rate
+        self._cutoff = cutoff
+        self._margin = filter_margin(segment.rate, cutoff)
+        self._edge = int(np.ceil(EDGE_PERIODS * segment.rate / cutoff))
+        self._piece_size = piece_margins * self._margin + MIN_FILTER_SAMPLES
+        self._time = segment.time  # of the first sample of `_signals`
+        self._skipped = self._edge  # samples of `_signals` that are returned already, or never
+        # (3, N, k) positions, velocities, efforts: motors, then the base where it was recorded
+        self._signals = np.zeros((3, 0, segment.position.shape[1]))
 
-    def feed(self, stretch, statistics):
-        k = len(self.drives.names)
-        for name in np.array(self.drives.names)[~np.isfinite(stretch.velocity[:, :k]).all(axis=0)]:
-            statistics["velocities that were not measured, and are derivatives of positions"] = str(name)
-        for name in np.array(self.drives.names)[~np.isfinite(stretch.effort[:, :k]).all(axis=0)]:
-            statistics["efforts that were not measured"] = str(name)
-        new = np.stack([stretch.position, stretch.velocity, stretch.effort])
-        self.signals = np.concatenate([self.signals, new], axis=1)
-        if self.signals.shape[1] >= self.piece * self.filter_margin + MIN_FILTER_SAMPLES:
-            yield self._filtered(self.signals.shape[1] - self.filter_margin)
-            keep = self.signals.shape[1] - 2 * self.filter_margin
-            self.time += keep / self.rate
-            self.signals, self.skipped = self.signals[:, keep:], self.filter_margin
+    def feed(self, segment: SignalSegment, statistics: SampleStatistics) -> Iterator[Motion]:
+        """Append a segment; yield the motion of a piece that is complete."""
+        self._note_missing_signals(segment, statistics)
+        new = np.stack([segment.position, segment.velocity, segment.effort])
+        self._signals = np.concatenate([self._signals, new], axis=1)
+        size = self._signals.shape[1]
+        if size >= self._piece_size:
+            yield self._filter_samples(size - self._margin)
+            first_kept = size - 2 * self._margin
+            self._time += first_kept / self._rate
+            self._signals = self._signals[:, first_kept:]
+            self._skipped = self._margin
 
-    def flush(self, statistics):
-        size = self.signals.shape[1]
-        if size < max(self.filter_margin, MIN_FILTER_SAMPLES) and self.skipped == self.edge:
+    def _note_missing_signals(self, segment: SignalSegment, statistics: SampleStatistics) -> None:
+        for column, name in enumerate(self._drives.names):
+            if not np.isfinite(segment.velocity[:, column]).all():
+                statistics.note_joint("velocities that were not measured and are derivatives of positions", name)
+        for column, name in enumerate(self._drives.names):
+            if not np.isfinite(segment.effort[:, column]).all():
+                statistics.note_joint("efforts that were not measured", name)
+
+    def flush(self, statistics: SampleStatistics) -> Iterator[Motion]:
+        """Yield the motion of the last samples; too short segments and edges are counted."""
+        size = self._signals.shape[1]
+        if size < max(self._margin, MIN_FILTER_SAMPLES) and self._skipped == self._edge:
             statistics.counts["too_short"] += size
-        elif size - self.edge > self.skipped:
-            statistics.counts["edges"] += 2 * self.edge
-            yield self._filtered(size - self.edge)
+        elif size - self._edge > self._skipped:
+            statistics.counts["edges"] += 2 * self._edge
+            yield self._filter_samples(size - self._edge)
 
-    def _filtered(self, end):
-        """The Motion of the samples from those that were told already to `end`."""
-        k = len(self.drives.names)
-        position, velocity, effort = self.signals[..., :k]
-        lost = ~np.isfinite(velocity).all(axis=0)
-        velocity = np.where(lost, differentiate(position, self.rate) if lost.any() else 0, velocity)
-        unmeasured = ~np.isfinite(effort).all(axis=0)
-        q, qd, efforts = self.drives.to_joint_space(position, velocity, np.where(unmeasured, 0.0, effort))
-        measured = ~(np.abs(self.drives.ratios[unmeasured]) > 0).any(axis=0)
-        smooth_q, smooth_qd, smooth = (lowpass(values, self.rate, self.cutoff) for values in (q, qd, efforts))
-        qdd = differentiate(smooth_qd, self.rate)
-        core, base = slice(self.skipped, end), None
-        if self.signals.shape[2] > k:
-            base = slice_base(filter_base_motion(self.signals[0, :, k:], self.rate, self.cutoff), core)
+    def _filter_samples(self, end: int) -> Motion:
+        """The motion of the samples from the first that is not returned yet to `end`."""
+        k = len(self._drives.names)
+        position, velocity, effort = self._signals[..., :k]
+        no_velocity = ~np.isfinite(velocity).all(axis=0)
+        velocity = np.where(no_velocity, differentiate(position, self._rate) if no_velocity.any() else 0, velocity)
+        no_effort = ~np.isfinite(effort).all(axis=0)
+        effort = np.where(no_effort, 0.0, effort)
+        q, qd, efforts = self._drives.to_joint_space(position, velocity, effort)
+        has_efforts = ~(np.abs(self._drives.ratios[no_effort]) > 0).any(axis=0)
+        filtered_q, filtered_qd, filtered_efforts = (
+            lowpass(values, self._rate, self._cutoff) for values in (q, qd, efforts)
+        )
+        qdd = differentiate(filtered_qd, self._rate)
+        rows = slice(self._skipped, end)
+        base = None
+        if self._signals.shape[2] > k:
+            base = slice_base(filter_base_motion(self._signals[0, :, k:], self._rate, self._cutoff), rows)
         return Motion(
-            self.time + self.skipped / self.rate, self.rate, self.cutoff, smooth_q[core], smooth_qd[core], qdd[core],
-            smooth[core] * measured, efforts[core] * measured, measured, base,
-        )  # fmt: skip
+            time=self._time + self._skipped / self._rate,
+            rate=self._rate,
+            cutoff=self._cutoff,
+            q=filtered_q[rows],
+            qd=filtered_qd[rows],
+            qdd=qdd[rows],
+            efforts=filtered_efforts[rows] * has_efforts,
+            unfiltered_efforts=efforts[rows] * has_efforts,
+            has_efforts=has_efforts,
+            base=base,
+        )

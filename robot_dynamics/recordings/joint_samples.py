@@ -1,25 +1,41 @@
-"""What a message on joint states tells, whoever read it: a bag, a table or a subscription."""
+"""Joint samples: the content of one joint state message, read from a bag, a table or a subscription."""
 
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
+from robot_dynamics.recordings.messages import JointStateMessage, stamp_nanoseconds
+
 
 class JointSample(NamedTuple):
-    """What one message tells. source: its topic; stamp, recorded: times of the header and of recording [ns]; names: of
-    k joints; position, velocity, effort: (k,) arrays, or of another length where the message has none."""
+    """Signals of k joints at one time.
+
+    Attributes
+    ----------
+    source : topic or file of the message.
+    stamp, receive_time : time in the header and time of recording or arrival [ns]; 0: unknown.
+    names : names of the k joints.
+    position, velocity, effort : (k,), or an array of another length where the message does not have these values.
+    """
 
     source: str
     stamp: int
     receive_time: int
-    names: tuple
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+    names: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
 
 
-def sample_of_joint_state(source, recorded, message):
-    """The JointSample of a sensor_msgs JointState, of `rosbags` or of rclpy."""
-    stamp = message.header.stamp
-    arrays = (np.asarray(values, dtype=float) for values in (message.position, message.velocity, message.effort))
-    return JointSample(source, stamp.sec * 1_000_000_000 + stamp.nanosec, recorded, tuple(message.name), *arrays)
+def sample_of_joint_state(source: str, receive_time: int, message: JointStateMessage) -> JointSample:
+    """Convert a sensor_msgs JointState of `rosbags` or rclpy; receive_time [ns]."""
+    return JointSample(
+        source,
+        stamp_nanoseconds(message.header),
+        receive_time,
+        tuple(message.name),
+        np.asarray(message.position, dtype=float),
+        np.asarray(message.velocity, dtype=float),
+        np.asarray(message.effort, dtype=float),
+    )

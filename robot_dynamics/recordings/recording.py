@@ -1,88 +1,162 @@
-"""Recordings by their path: bags, CSV tables and folders of them, to be read as often as is needed."""
+"""Recordings: bags, CSV tables and folders of them, opened by their path and read as often as needed."""
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.alignment import resample_samples
+from robot_dynamics.recordings.alignment import SignalSegment, resample_samples
 from robot_dynamics.recordings.bags import Bag
-from robot_dynamics.recordings.joint_motions import filter_motions
+from robot_dynamics.recordings.drives import Drives
+from robot_dynamics.recordings.joint_motions import Motion, filter_motions
+from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.tables import Table
 
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+
+ProgressWrapper: TypeAlias = Callable[[Iterable[JointSample]], Iterable[JointSample]]
+"""Wraps the iterator over messages, to show progress."""
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was recorded of a robot: a Bag or Table, the topics of it that count, and the Drives of its signals; base:
-    name of the base link where it moves, and one of the topics tells how; else None."""
+    """A recording of a robot, to be read as often as needed.
 
-    source: object
-    topics: tuple
-    drives: object
+    Attributes
+    ----------
+    source : the files.
+    topics : topics that are read.
+    drives : conversion from the recorded signals to the joints.
+    base : name of the base link where the base moves, and one of the topics has its odometry; else None.
+    """
+
+    source: Bag | Table
+    topics: tuple[str, ...]
+    drives: Drives
     base: str | None = None
 
-    def __reduce__(self):
-        """Sent to other processes as where it is, to be opened there."""
+    def __reduce__(self) -> tuple[Callable[..., "Recording"], tuple[object, ...]]:
+        """Pickled as its path: another process opens the files itself."""
         topics = () if isinstance(self.source, Table) else self.topics
         return open_recording, (self.source.path.absolute(), self.drives, topics, self.base)
 
     @property
-    def name(self):
+    def name(self) -> str:
+        """The path of the files."""
         return str(self.source.path)
 
     @property
-    def notes(self):
-        """Sentences on what is wrong with the files; complete when all has been read."""
+    def notes(self) -> tuple[str, ...]:
+        """Sentences on damage of the files; complete after the whole recording was read."""
         return tuple(self.source.notes)
 
     @property
-    def message_count(self):
-        """How many messages there are; None where nobody knows before reading."""
-        counts = [self.source.counts.get(topic) for topic in self.topics]
-        return None if None in counts else sum(counts)
+    def message_count(self) -> int | None:
+        """Number of messages; None where it is not known before reading."""
+        total = 0
+        for topic in self.topics:
+            count = self.source.counts.get(topic)
+            if count is None:
+                return None
+            total += count
+        return total
 
-    def signal_segments(self, statistics=None, rate=None, progress=None):
-        """Yield the Stretches of the signals; watch: takes and gives an iterator of messages, to show progress."""
+    def signal_segments(
+        self,
+        statistics: SampleStatistics | None = None,
+        rate: float | None = None,
+        progress: ProgressWrapper | None = None,
+    ) -> Iterator[SignalSegment]:
+        """Yield the segments of the signals on a uniform grid.
+
+        Parameters
+        ----------
+        statistics : counts of skipped samples, updated while reading.
+        rate : samples per second of the grid; None: as recorded.
+        progress : wraps the iterator over messages.
+
+        Raises
+        ------
+        RecordingError
+            Where signals of joints are missing, or the samples are too few.
+        """
         samples = self.source.samples(self.topics, self.base)
         names = self.drives.names + (BASE_SIGNALS if self.base is not None else ())
         return resample_samples(samples if progress is None else progress(samples), names, statistics, rate)
 
-    def motions(self, statistics=None, *, cutoff=None, rate=None, progress=None):
-        """Yield the Motions of the joints. Raises RecordingError, also where there is none in the end."""
-        statistics, found = SampleStatistics() if statistics is None else statistics, False
+    def motions(
+        self,
+        statistics: SampleStatistics | None = None,
+        *,
+        cutoff: float | None = None,
+        rate: float | None = None,
+        progress: ProgressWrapper | None = None,
+    ) -> Iterator[Motion]:
+        """Yield the motions of the joints, filtered, in pieces that fit the memory.
+
+        Parameters
+        ----------
+        statistics : counts of skipped samples, updated while reading.
+        cutoff : cut-off frequency of the low-pass filter [Hz]; None: 8, or a fifth of the rate.
+        rate, progress : as for `signal_segments`.
+
+        Raises
+        ------
+        RecordingError
+            As for `signal_segments`; and at the end, where no motion is left after filtering.
+        """
+        statistics = SampleStatistics() if statistics is None else statistics
+        is_empty = True
         for motion in filter_motions(self.signal_segments(statistics, rate, progress), self.drives, statistics, cutoff):
-            found = True
+            is_empty = False
             yield motion
-        if not found:
-            told = "; ".join([*self.notes, *statistics.sentences])
-            what = "row" if isinstance(self.source, Table) else "message"
-            raise RecordingError(f"{self.name}: nothing is left to look at. {told or f'It has no {what}'}")
+        if is_empty:
+            unit = "row" if isinstance(self.source, Table) else "message"
+            reason = "; ".join([*self.notes, *statistics.sentences]) or f"It has no {unit}"
+            raise RecordingError(f"{self.name}: no samples are left. {reason}")
 
 
-def open_recording(path, drives, topics=(), base=None):
-    """The Recording at a path: a bag (folder or file), a CSV file, or a folder of those that drives tell.
+def open_recording(path: str | Path, drives: Drives, topics: Sequence[str] = (), base: str | None = None) -> Recording:
+    """Open a recording.
 
-    topics: names of the topics to be read; none: all with joint states. base: name of the base link where it
-    moves: then a topic with odometry is read too. Raises RecordingError.
+    Parameters
+    ----------
+    path : path of a bag (folder or file), a CSV file, or a folder of CSV files that `drives.tables` names.
+    drives : conversion from the recorded signals to the joints.
+    topics : topics to read; empty: all topics of joint states.
+    base : name of the base link where the base moves: then a topic of odometry is read too.
+
+    Raises
+    ------
+    RecordingError
+        Where the files cannot be read, or do not have the topics.
+    MissingPackageError
+        Where the package that reads bags is not installed.
     """
     path = Path(path)
     try:
-        if not path.exists():
-            raise RecordingError(f"{path} is not there")
-        if path.suffix == ".csv":
-            source = Table(path)
-        elif path.is_dir() and drives.tables is not None:
-            source = Table(path, drives.tables)
-        else:
-            source = Bag(path)
-        of_base = source.base_topics(topics) if base is not None else []
-        joints = source.joint_topics([topic for topic in topics if topic not in of_base])
-        return Recording(source, (*joints, *of_base), drives, base)
+        source = _open_source(path, drives)
+        base_topics = source.base_topics(topics) if base is not None else []
+        joint_topics = source.joint_topics([topic for topic in topics if topic not in base_topics])
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+    return Recording(source, (*joint_topics, *base_topics), drives, base)
 
 
-def moving_base(dynamics):
-    """Name of the base link of the robot of a Dynamics where it moves, else None: what `open_recording` is to know."""
+def _open_source(path: Path, drives: Drives) -> Bag | Table:
+    if not path.exists():
+        raise RecordingError(f"{path} does not exist")
+    if path.suffix == ".csv":
+        return Table(path)
+    if path.is_dir() and drives.tables is not None:
+        return Table(path, drives.tables)
+    return Bag(path)
+
+
+def moving_base_link(dynamics: "Dynamics") -> str | None:
+    """The argument `base` of `open_recording` for a robot: name of its base link where it moves, else None."""
     return dynamics.robot.base_link if dynamics.robot.moving_base else None

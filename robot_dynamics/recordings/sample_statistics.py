@@ -1,40 +1,65 @@
-"""What was left out of a recording, and what was filled in: counted, to be told in every report."""
+"""Counts of the samples of a recording that were skipped or replaced, for the notes of each report."""
 
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
-DESCRIPTIONS = {
-    "no_known_joint": "messages tell of none of the joints",
-    "length_mismatch": "messages have values of another number than names, and were left out",
-    "duplicates": "messages have the stamp of the one before, and were left out",
-    "out_of_order": "messages are older than the one before, and were left out",
-    "clock_jumps": "jumps of the clock: what follows each is taken as a stretch of its own",
-    "gaps": "gaps: nothing is filled in, filters begin anew after each",
-    "not_finite": "rows have a position or effort that is nan or infinite, and were left out",
-    "too_short": "samples are in stretches too short to be filtered, and were left out",
-    "too_close": "messages are closer to the one before than a third of the usual step, and were left out",
-    "unbounded": "samples have positions or efforts so large that nothing can be computed, and were left out",
-    "edges": "samples are at the ends of stretches, where the filter sees one side only, and were left out",
-    "second_source": "values of joints come from a second topic too, and were left out",
-    "zero_stamp": "messages have stamp zero: the time of recording stands for it",
+CountName: TypeAlias = Literal[
+    "no_known_joint",
+    "length_mismatch",
+    "duplicates",
+    "out_of_order",
+    "clock_jumps",
+    "gaps",
+    "not_finite",
+    "too_short",
+    "too_close",
+    "unbounded",
+    "edges",
+    "second_source",
+    "zero_stamp",
+]
+
+DESCRIPTIONS: dict[CountName, str] = {
+    "no_known_joint": "messages name no joint of the model and were skipped",
+    "length_mismatch": "messages have a different number of values than names and were skipped",
+    "duplicates": "messages have the stamp of the previous message and were skipped",
+    "out_of_order": "messages are older than the previous message and were skipped",
+    "clock_jumps": "clock jumps; the samples after each jump form a separate segment",
+    "gaps": "gaps; no samples are interpolated across a gap, and the filters restart after it",
+    "not_finite": "rows have a position or effort that is nan or infinite and were skipped",
+    "too_short": "samples are in segments too short to be filtered and were skipped",
+    "too_close": "messages follow the previous message by less than a third of the usual step and were skipped",
+    "unbounded": "samples have positions or efforts too large to compute with and were skipped",
+    "edges": "samples are at the ends of segments, where the filter has data on one side only, and were skipped",
+    "second_source": "values of joints come from a second topic and were skipped",
+    "zero_stamp": "messages have stamp zero; the time of recording is used instead",
 }
 
-
-MAX_NAMES = 100  # that are told of one sentence
+MAX_NAMES = 100  # names listed in one sentence
 
 
 @dataclass
 class SampleStatistics:
-    """counts: of SENTENCES; messages, samples: read, and used after resampling; origin: the stamp
-    [ns] of time 0; joints: {sentence: names of joints}."""
+    """Counts of skipped samples.
 
-    counts: Counter = field(default_factory=Counter)
+    Attributes
+    ----------
+    counts : number of cases of each kind in `DESCRIPTIONS`.
+    messages : messages read.
+    origin : stamp [ns] of time 0.
+    samples : samples after resampling.
+    joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
+    """
+
+    counts: Counter[CountName] = field(default_factory=Counter)
     messages: int = 0
     origin: int = 0
     samples: int = 0
-    joints: dict = field(default_factory=dict)
+    joints: dict[str, dict[str, None]] = field(default_factory=dict)
 
-    def __setitem__(self, sentence, name):
+    def note_joint(self, sentence: str, name: str) -> None:
+        """Add a joint to those that a sentence holds for; beyond `MAX_NAMES` only "and others" is added."""
         names = self.joints.setdefault(sentence, {})
         if len(names) < MAX_NAMES:
             names[name] = None
@@ -42,7 +67,7 @@ class SampleStatistics:
             names["and others"] = None
 
     @property
-    def sentences(self):
-        """What to tell: nothing where nothing was left out."""
-        told = [f"{self.counts[key]} {sentence}" for key, sentence in DESCRIPTIONS.items() if self.counts[key]]
-        return told + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]
+    def sentences(self) -> list[str]:
+        """Notes for a report; empty where nothing was skipped or replaced."""
+        counted = [f"{self.counts[key]} {sentence}" for key, sentence in DESCRIPTIONS.items() if self.counts[key]]
+        return counted + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]

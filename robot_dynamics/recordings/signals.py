@@ -1,92 +1,104 @@
-"""Signals: put on a uniform grid, low-pass filtered without delay, differentiated, and compared in time."""
+"""Signals: interpolated on a uniform grid, low-pass filtered without delay, and differentiated."""
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
-from scipy.signal import butter, correlate, correlation_lags, sosfiltfilt
+from scipy.signal import butter, sosfiltfilt
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 
-FILTER_ORDER = 4  # of the Butterworth filter, which runs forth and back
-DEFAULT_CUTOFF = 8.0  # [Hz] what arms that people stand beside do
-MAX_CUTOFF_RATIO = 0.2  # of the rate: cut-off where the default would be above what the rate can tell
-SETTLING_PERIODS = 6.0  # periods of the cut-off after which the filter has forgotten its beginning to 1e-6
-GRID_TOLERANCE = 0.02  # steps that a stamp may be from the grid to be on it
-MIN_SPLINE_SAMPLES = 4  # samples that tell a cubic spline
-MAX_STEP_RATIO = 4.0  # longest step over the shortest, beyond which a cubic spline makes much of the noise of samples
+FILTER_ORDER = 4  # of the Butterworth filter, which runs forward and backward
+DEFAULT_CUTOFF = 8.0  # [Hz] above the motion of collaborative arms
+MAX_CUTOFF_RATIO = 0.2  # of the rate: cut-off where the rate is too low for the default
+SETTLING_PERIODS = 6.0  # periods of the cut-off after which the transient of the filter has decayed to 1e-6
+GRID_TOLERANCE = 0.02  # steps between a stamp and the grid point that it counts as
+MIN_SPLINE_SAMPLES = 4  # samples that define a cubic spline
+MAX_STEP_RATIO = 4.0  # longest step over the shortest, beyond which a cubic spline amplifies the noise of samples
 
 
-def interpolate_on_grid(times, values, grid):
-    """Values (N, k) at the times of a grid (N,), by cubic splines of values (M, k) at times (M,), ascending.
+def interpolate_on_grid(times: Array, values: Array, grid: Array) -> Array:
+    """Interpolate samples on a uniform grid by cubic splines.
 
-    Where the samples are on the grid they are taken as they are. Where their steps are uneven the splines are Akima's,
-    whose slopes depend on neighbouring samples alone. A column with nan in it is nan. Raises ValueError
-    where there are fewer samples than a cubic spline needs, LEAST_OF_SPLINE: leave such pieces out.
+    Samples that lie on the grid are copied. Where steps are uneven the splines are Akima's, whose slopes depend on
+    neighbouring samples only. A column with nan in it becomes nan.
+
+    Parameters
+    ----------
+    times : (M,) times [s], ascending.
+    values : (M, k)
+    grid : (N,) times [s], in equal steps.
+
+    Returns
+    -------
+    (N, k)
+
+    Raises
+    ------
+    ValueError
+        Where M < `MIN_SPLINE_SAMPLES` and the samples are not on the grid.
     """
     if len(times) >= len(grid) and len(grid):
         first = np.searchsorted(times, grid[0] - 0.5 * (grid[1] - grid[0] if len(grid) > 1 else 0))
-        same = times[first : first + len(grid)]
-        if len(same) == len(grid) and np.abs(same - grid).max() <= GRID_TOLERANCE * (grid[-1] - grid[0]) / max(
-            1, len(grid)
-        ):
+        candidates = times[first : first + len(grid)]
+        tolerance = GRID_TOLERANCE * (grid[-1] - grid[0]) / max(1, len(grid))
+        if len(candidates) == len(grid) and np.abs(candidates - grid).max() <= tolerance:
             return values[first : first + len(grid)]
-    found = np.full((len(grid), values.shape[1]), np.nan)
-    whole = np.isfinite(values).all(axis=0)
     if len(times) < MIN_SPLINE_SAMPLES:
-        raise ValueError(f"{len(times)} samples: a cubic spline needs {MIN_SPLINE_SAMPLES} at least")
-    if whole.any():
+        raise ValueError(f"{len(times)} samples: a cubic spline needs at least {MIN_SPLINE_SAMPLES}")
+    interpolated = np.full((len(grid), values.shape[1]), np.nan)
+    is_complete = np.isfinite(values).all(axis=0)
+    if is_complete.any():
         steps = np.diff(times)
         spline = CubicSpline if steps.max() <= MAX_STEP_RATIO * steps.min() else Akima1DInterpolator
-        found[:, whole] = spline(times, values[:, whole])(grid, extrapolate=True)  # by rounding, at the ends
-    return found
+        # rounding may put the ends of the grid beyond the samples
+        interpolated[:, is_complete] = spline(times, values[:, is_complete])(grid, extrapolate=True)
+    return interpolated
 
 
-def choose_cutoff(rate, cutoff=None):
-    """The cut-off [Hz] to filter with: the one that is asked for, else the default or what the rate [1/s] allows.
+def choose_cutoff(rate: float, cutoff: float | None = None) -> float:
+    """Choose the cut-off frequency of the low-pass filter.
 
-    Raises RecordingError where the rate does not allow the one that is asked for.
+    Parameters
+    ----------
+    rate : samples per second.
+    cutoff : requested cut-off [Hz]; None: `DEFAULT_CUTOFF`, or a fifth of the rate where that is lower.
+
+    Raises
+    ------
+    RecordingError
+        Where the requested cut-off is not below half of the rate.
     """
     if cutoff is None:
         return min(DEFAULT_CUTOFF, MAX_CUTOFF_RATIO * rate)
     if not 0 < cutoff < 0.5 * rate:
         raise RecordingError(
-            f"cut-off {cutoff:g} Hz of samples at {rate:.4g} Hz: between 0 and {rate / 2:.4g} is needed"
+            f"cut-off {cutoff:g} Hz for samples at {rate:.4g} Hz: between 0 and {rate / 2:.4g} is needed"
         )
     return cutoff
 
 
-def filter_margin(rate, cutoff):
-    """Samples at each end of a piece that the filter is not yet settled in."""
+def filter_margin(rate: float, cutoff: float) -> int:
+    """Samples at each end of a piece in which the transient of the filter has not decayed."""
     return int(np.ceil(SETTLING_PERIODS * rate / cutoff))
 
 
-def lowpass(values, rate, cutoff):
-    """Values (N, k) at a rate [1/s] without what is above the cut-off [Hz], without delay.
+def lowpass(values: Array, rate: float, cutoff: float) -> Array:
+    """Low-pass filter signals without delay.
 
-    A Butterworth filter of order 4, forth and back: half of the amplitude is left at the cut-off. N > 15.
+    A Butterworth filter of order 4, forward and backward, so that half of the amplitude is left at the cut-off.
+
+    Parameters
+    ----------
+    values : (N, k), N > 15.
+    rate : samples per second.
+    cutoff : cut-off frequency [Hz].
     """
     sections = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
-    return sosfiltfilt(sections, values, axis=0)
+    filtered: Array = sosfiltfilt(sections, values, axis=0)
+    return filtered
 
 
-def differentiate(values, rate):
+def differentiate(values: Array, rate: float) -> Array:
     """Time derivatives (N, k) of values (N, k), by central differences."""
-    return np.gradient(values, 1 / rate, axis=0)
-
-
-def estimate_delay(later, earlier, rate, longest=0.2):
-    """By how much [s] `later` (N,) runs behind `earlier` (N,): the peak of their correlation, between samples too.
-
-    longest [s]: what is looked for, to both sides. nan where one of them does not move.
-    """
-    a, b = later - later.mean(), earlier - earlier.mean()
-    if not a.any() or not b.any():
-        return np.nan
-    product, lags = correlate(a, b, mode="full"), correlation_lags(len(a), len(b))
-    near = np.abs(lags) <= max(1, round(longest * rate))
-    product, lags = product[near] / (len(a) - np.abs(lags[near])), lags[near]
-    peak = int(np.argmax(product))
-    shift = 0.0
-    if 0 < peak < len(product) - 1:
-        left, top, right = product[peak - 1 : peak + 2]
-        shift = 0.5 * (left - right) / (left - 2 * top + right)
-    return float((lags[peak] + shift) / rate)
+    derivatives: Array = np.gradient(values, 1 / rate, axis=0)
+    return derivatives

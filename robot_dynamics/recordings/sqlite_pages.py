@@ -1,127 +1,152 @@
-"""Rows of damaged sqlite3 files: found page by page, without the tree that should lead to them.
+"""Rows of damaged sqlite3 files, read page by page without the tree that leads to them.
 
-A table's rows stand in leaf pages, in cells that say how long they are. Where the file has lost its end, or the pages
-between root and leaves, the cells of all leaves that are left can still be read. Source: "Database File Format",
-sections 1.3, 1.6 and 2.1, sqlite.org.
+Robots that lose power leave such files, Python's sqlite3 module has no `.recover`, and the `sqlite3` command is often
+not installed: hence this module.
+
+A table's rows are in leaf pages, in cells with a length. Where the file has lost its end, or the pages between root and
+leaves, the cells of all remaining leaves are readable. Source: "Database File Format", sections 1.3, 1.6 and 2.1,
+sqlite.org.
 """
 
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import BinaryIO, NamedTuple, TypeAlias
 
 LEAF_PAGE_TYPE = 0x0D  # a leaf page of a table
 HEADER_SIZE = 100  # bytes of the file's own header, on page 1
+MIN_PAGE_SIZE = 512  # [bytes]
+VALUE_SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # [bytes] of the serial types 0 to 9
+
+Value: TypeAlias = int | bytes | str | None
 
 
-class Row(NamedTuple):
-    """rowid: its number; values: int, bytes, str or None, column by column; floats are None."""
+class Cell(NamedTuple):
+    """Position of a row: its rowid, the number of its page, the offset [bytes] in the page."""
 
     rowid: int
-    values: list
+    page: int
+    offset: int
 
 
 class SqlitePages:
-    """The pages of an sqlite3 file: `size` [bytes], `count` of those that are there, `told` by the header."""
+    """The pages of an sqlite3 file.
 
-    def __init__(self, file):
+    Attributes
+    ----------
+    size : of a page [bytes].
+    usable : part of a page that holds content [bytes].
+    declared_count : number of pages that the header states.
+    count : number of complete pages in the file.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        """Read the header. Raises ValueError where it is incomplete or invalid."""
         self._file = file
         header = file.read(HEADER_SIZE)
         if len(header) < HEADER_SIZE:
-            raise ValueError("the header is not whole")
-        self.size = int.from_bytes(header[16:18], "big")
-        self.size = 65536 if self.size == 1 else self.size
-        if self.size < 512 or self.size & (self.size - 1):
-            raise ValueError(f"its header tells of pages of {self.size} bytes")
+            raise ValueError("the header is incomplete")
+        size = int.from_bytes(header[16:18], "big")
+        self.size = 65536 if size == 1 else size
+        if self.size < MIN_PAGE_SIZE or self.size & (self.size - 1):
+            raise ValueError(f"the header states pages of {self.size} bytes")
         self.usable = self.size - header[20]
         self.declared_count = int.from_bytes(header[28:32], "big")
         self.count = file.seek(0, 2) // self.size
 
-    def page(self, number):
-        """The bytes of page `number`, from 1 on."""
+    def page(self, number: int) -> bytes:
+        """The bytes of a page; the first has number 1."""
         self._file.seek((number - 1) * self.size)
         return self._file.read(self.size)
 
-    def cells(self):
-        """Yield (rowid, page, offset in it) of all cells of leaves, as they stand in the file."""
+    def cells(self) -> Iterator[Cell]:
+        """Yield the cells of all leaves, in the order of the file."""
         for number in range(1, self.count + 1):
             page = self.page(number)
             start = HEADER_SIZE if number == 1 else 0
             if page[start] != LEAF_PAGE_TYPE:
                 continue
-            pointers = start + 8
-            for cell in range(int.from_bytes(page[start + 3 : start + 5], "big")):
-                place = pointers + 2 * cell
-                offset = int.from_bytes(page[place : place + 2], "big")
-                if not place + 2 <= offset < self.usable:
-                    break  # no leaf after all: what overflows from other pages may look like one
+            first_pointer = start + 8
+            for index in range(int.from_bytes(page[start + 3 : start + 5], "big")):
+                pointer = first_pointer + 2 * index
+                offset = int.from_bytes(page[pointer : pointer + 2], "big")
+                if not pointer + 2 <= offset < self.usable:
+                    break  # an overflow page, which may look like a leaf
                 try:
-                    _, after = _varint(page, offset)
-                    rowid, _ = _varint(page, after)
+                    _, rowid_position = _varint(page, offset)
+                    rowid, _ = _varint(page, rowid_position)
                 except IndexError:
                     break
-                yield rowid, number, offset
+                yield Cell(rowid, number, offset)
 
-    def row(self, number, offset):
-        """The Row of a cell. Raises ValueError where part of it is lost."""
-        page = self.page(number)
+    def row(self, cell: Cell) -> list[Value]:
+        """The values of a row, column by column; None for floats and NULL.
+
+        Raises ValueError where a part of the row is lost.
+        """
+        page = self.page(cell.page)
         try:
-            size, after = _varint(page, offset)
-            rowid, after = _varint(page, after)
-            payload = self._payload(page, after, size)
-            return Row(rowid, _values(payload))
+            size, position = _varint(page, cell.offset)
+            _, position = _varint(page, position)  # the rowid
+            return _values(self._payload(page, position, size))
         except IndexError:
-            raise ValueError("a row is not whole") from None
+            raise ValueError("the row is incomplete") from None
 
-    def _payload(self, page, start, size):
-        """All bytes of a row, those on overflow pages too."""
+    def _payload(self, page: bytes, start: int, size: int) -> bytes:
+        """The `size` bytes of a row from `start` on its page, and on overflow pages (section 1.6)."""
         largest = self.usable - 35
         if size <= largest:
             return page[start : start + size]
-        least = (self.usable - 12) * 32 // 255 - 23
-        here = least + (size - least) % (self.usable - 4)
-        here = here if here <= largest else least
-        parts, left = [page[start : start + here]], size - here
-        following = int.from_bytes(page[start + here : start + here + 4], "big")
-        while left > 0:
-            if not 0 < following <= self.count:
-                raise ValueError("a row goes on in a page that is lost")
-            page = self.page(following)
-            parts.append(page[4 : 4 + min(left, self.usable - 4)])
-            left -= self.usable - 4
-            following = int.from_bytes(page[:4], "big")
+        smallest = (self.usable - 12) * 32 // 255 - 23
+        local = smallest + (size - smallest) % (self.usable - 4)
+        local = local if local <= largest else smallest
+        parts = [page[start : start + local]]
+        remaining = size - local
+        overflow = int.from_bytes(page[start + local : start + local + 4], "big")
+        while remaining > 0:
+            if not 0 < overflow <= self.count:
+                raise ValueError("the row continues on a page that is lost")
+            page = self.page(overflow)
+            parts.append(page[4 : 4 + min(remaining, self.usable - 4)])
+            remaining -= self.usable - 4
+            overflow = int.from_bytes(page[:4], "big")
         return b"".join(parts)
 
 
-def _varint(data, place):
-    """(value, place after it) of a number of one to nine bytes."""
+def _varint(data: bytes, position: int) -> tuple[int, int]:
+    """A number of one to nine bytes, and the position after it."""
     value = 0
     for _ in range(8):
-        byte = data[place]
-        place += 1
+        byte = data[position]
+        position += 1
         value = value << 7 | byte & 0x7F
         if byte < 0x80:
-            return value, place
-    return value << 8 | data[place], place + 1
+            return value, position
+    return value << 8 | data[position], position + 1
 
 
-def _values(payload):
-    """The columns of a record."""
-    end, place = _varint(payload, 0)
-    kinds = []
-    while place < end:
-        kind, place = _varint(payload, place)
-        kinds.append(kind)
-    values, place = [], end
-    for kind in kinds:
-        size = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)[kind] if kind < 10 else (kind - 12) // 2
-        content = payload[place : place + size]
+def _values(payload: bytes) -> list[Value]:
+    """The columns of a record (section 2.1)."""
+    header_size, position = _varint(payload, 0)
+    serial_types = []
+    while position < header_size:
+        serial_type, position = _varint(payload, position)
+        serial_types.append(serial_type)
+    values = []
+    position = header_size
+    for serial_type in serial_types:
+        size = VALUE_SIZES[serial_type] if serial_type < 10 else (serial_type - 12) // 2
+        content = payload[position : position + size]
         if size < 0 or len(content) < size:
-            raise ValueError("a row is not whole")
-        place += size
-        if kind in (8, 9):
-            values.append(kind - 8)
-        elif 0 < kind < 7:
-            values.append(int.from_bytes(content, "big", signed=True))
-        elif kind >= 12:
-            values.append(content.decode("utf-8", "replace") if kind % 2 else content)
-        else:
-            values.append(None)
+            raise ValueError("the row is incomplete")
+        position += size
+        values.append(_value(serial_type, content))
     return values
+
+
+def _value(serial_type: int, content: bytes) -> Value:
+    if serial_type in (8, 9):
+        return serial_type - 8
+    if 0 < serial_type < 7:
+        return int.from_bytes(content, "big", signed=True)
+    if serial_type >= 12:
+        return content.decode("utf-8", "replace") if serial_type % 2 else content
+    return None

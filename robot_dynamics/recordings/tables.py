@@ -1,132 +1,160 @@
-"""CSV with named columns: `time` [s], and for each joint `<joint>.position`, `.velocity`, `.effort`; or a folder with a
-file for positions and one for efforts, as drives tell."""
+"""CSV files with named columns: `time` [s], and for each joint `<joint>.position`, `.velocity`, `.effort`.
+
+Or a folder with one file for positions and one for efforts, as controllers of drives write them: each file has a column
+for each motor, and the rows are equally spaced in time.
+"""
 
 import csv
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
+from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.recordings.drives import TableFiles
 from robot_dynamics.recordings.joint_samples import JointSample
 
-FIELDS = ("position", "velocity", "effort")
+Field: TypeAlias = Literal["position", "velocity", "effort"]
+Row: TypeAlias = dict[Field | None, Array]  # the numbers (columns,) of a row of each file
+
+FIELDS: tuple[Field, ...] = ("position", "velocity", "effort")
 TIME_COLUMNS = ("time", "t", "stamp", "timestamp")
 NANOSECONDS_PER_SECOND = 1e9
-MAX_PLAUSIBLE_STEP = 1.0  # [s] between rows that is rather a time in other units
-ROWS_PER_CHUNK = 20_000  # rows
+MAX_PLAUSIBLE_STEP = 1.0  # [s] between rows; longer steps suggest that times have another unit
+ROWS_PER_CHUNK = 20_000
+NO_VALUES = np.zeros(0)
 
 
 class Table:
-    """A CSV file, or a folder of them, with the interface of a Bag.
+    """A CSV file, or a folder of CSV files, with the interface of a Bag.
 
-    path: a Path; tables: Tables of drives, None for a file with columns of all kinds. Raises RecordingError.
+    Parameters
+    ----------
+    path : of the file or folder.
+    tables : names of the files of a folder; None: a file with columns of all signals.
+
+    Attributes
+    ----------
+    files : {field: path}, or {None: path} of a file with all signals.
+    joints : names of the joints or motors.
+    counts : {path: None}: the number of rows is not known before reading.
+    notes : sentences on damage; complete after `samples` was read.
+
+    Raises
+    ------
+    RecordingError
+        Where a file cannot be read or lacks columns.
     """
 
-    def __init__(self, path, tables=None):
-        self.path, self.tables, self.notes = path, tables, []
-        if tables is None:
-            self.files = {None: path}
-        else:
-            told = {field: getattr(tables, field) for field in FIELDS}
-            self.files = {field: path / name for field, name in told.items() if name is not None}
-        self.columns = {field: self._head(file) for field, file in self.files.items()}
-        self.joints = self._joints()
-        self.counts = {str(path): None}
-        lacking = [] if tables else [f"{name}.effort" for name in self.joints if not self._order["effort"]]
-        if lacking:
-            self.add_note(f"columns {', '.join(lacking)[:200]} are needed for efforts, and not all of them are there")
+    def __init__(self, path: Path, tables: TableFiles | None = None) -> None:
+        self.path = path
+        self.tables = tables
+        self.notes: list[str] = []
+        self.counts: dict[str, int | None] = {str(path): None}
+        self.files: dict[Field | None, Path] = {None: path} if tables is None else _table_paths(path, tables)
+        self._column_names = {field: _read_column_names(file) for field, file in self.files.items()}
+        self.joints = self._find_joints()
+        self._columns = {field: self._find_columns(field) for field in FIELDS}
+        if tables is None and not self._columns["effort"]:
+            names = ", ".join(f"{name}.effort" for name in self.joints)
+            self.add_note(f"columns {names[:200]} are needed for efforts, and none of them is there")
 
-    def add_note(self, sentence):
+    def add_note(self, sentence: str) -> None:
+        """Append a sentence to the notes, once."""
         if sentence not in self.notes:
             self.notes.append(sentence)
 
-    def joint_topics(self, requested=()):
+    def joint_topics(self, requested: Sequence[str] = ()) -> list[str]:
+        """The path, in the place of a topic. Raises RecordingError where topics are requested."""
         if requested:
             raise RecordingError(f"{self.path} is a table: it has no topics, leave {', '.join(requested)} out")
         return [str(self.path)]
 
-    def base_topics(self, requested=()):
-        raise RecordingError(f"{self.path} is a table: how the base of the robot moves, only a bag tells")
+    def base_topics(self, requested: Collection[str] = ()) -> list[str]:
+        """Raises RecordingError: a table has no odometry."""
+        raise RecordingError(f"{self.path} is a table: only a bag has the motion of the base of the robot")
 
-    def samples(self, topics, base=None):
-        """Yield the JointSamples, row by row."""
-        stamps, number, timeless, told = self._stamps(), 0, 0, []
+    def samples(self, topics: Collection[str], base: str | None = None) -> Iterator[JointSample]:
+        """Yield the joint samples, row by row. Raises RecordingError where times are missing."""
+        row_stamp = self._make_row_stamp()
+        row_number = 0
+        rows_without_time = 0
+        first_stamp: int | None = None
+        last_stamp = 0
         for rows in self._chunks():
             for row in rows:
-                stamp, number = stamps(row, number), number + 1
+                stamp = row_stamp(row, row_number)
+                row_number += 1
                 if stamp is None:
-                    timeless += 1
+                    rows_without_time += 1
                     continue
-                told = [*told[:1], stamp]
-                yield JointSample(str(self.path), stamp, 0, self.joints, *self._values(row))
-        if timeless:
-            self.add_note(f"{timeless} rows have a time that is no finite number, and were left out")
-        step = (told[-1] - told[0]) / NANOSECONDS_PER_SECOND / (number - timeless - 1) if len(told) > 1 else 0
+                first_stamp = stamp if first_stamp is None else first_stamp
+                last_stamp = stamp
+                position, velocity, effort = (self._signal(row, field) for field in FIELDS)
+                yield JointSample(str(self.path), stamp, 0, self.joints, position, velocity, effort)
+        if rows_without_time:
+            self.add_note(f"{rows_without_time} rows have a time that is no finite number and were skipped")
+        steps = row_number - rows_without_time - 1
+        if first_stamp is not None and steps > 0:
+            self._note_implausible_step((last_stamp - first_stamp) / NANOSECONDS_PER_SECOND / steps)
+
+    def _note_implausible_step(self, step: float) -> None:
         if step >= MAX_PLAUSIBLE_STEP:
             self.add_note(
-                f"a row comes every {step:.3g} s: are its times milliseconds or nanoseconds? Seconds are needed"
+                f"rows are {step:.3g} s apart: are the times in milliseconds or nanoseconds? Seconds are needed"
             )
 
-    def _head(self, file):
-        try:
-            with file.open(newline="", encoding="utf-8-sig") as lines:
-                head = next(csv.reader(lines), [])
-        except (OSError, UnicodeError, csv.Error) as error:
-            raise RecordingError(f"{file} cannot be read as CSV: {error}") from None
-        names = [name.strip() for name in head]
-        if not names or all(_is_number(name) for name in names):
-            raise RecordingError(f"{file}: its first line has no names of columns: time,joint_1.position,... is needed")
-        return names
-
-    def _joints(self):
+    def _find_joints(self) -> tuple[str, ...]:
         if self.tables is not None:
-            first = self.columns["position"]
-            for field, names in self.columns.items():
+            first = self._column_names["position"]
+            for field, names in self._column_names.items():
                 if sorted(names) != sorted(first):
                     raise RecordingError(f"{self.files[field]} has columns {names}, those of positions are {first}")
             return tuple(first)
-        (columns,) = self.columns.values()
-        found = [name.rpartition(".")[0] for name in columns if name.endswith(".position")]
-        if not found:
+        columns = self._column_names[None]
+        joints = [name.rpartition(".")[0] for name in columns if name.endswith(".position")]
+        if not joints:
             raise RecordingError(f"{self.path} has columns {', '.join(columns)[:300]}: joint.position is needed")
-        return tuple(dict.fromkeys(found))
+        return tuple(dict.fromkeys(joints))
 
-    def _stamps(self):
-        """A function of (row, number of the row) to the stamp [ns], None where the row has none."""
+    def _find_columns(self, field: Field) -> list[int]:
+        """Columns of a field in the order of the joints; fewer than joints where the field is incomplete."""
+        if self.tables is not None:
+            names = self._column_names.get(field, [])
+            return [names.index(name) for name in self.joints] if names else []
+        names = self._column_names[None]
+        return [names.index(f"{name}.{field}") for name in self.joints if f"{name}.{field}" in names]
+
+    def _make_row_stamp(self) -> Callable[[Row, int], int | None]:
+        """A function from a row and its number to its stamp [ns], None where the row has none."""
         if self.tables is not None:
             if self.tables.rate is None:
                 raise RecordingError(f"{self.path}: `rate` of `tables` is missing, the samples per second")
             step = NANOSECONDS_PER_SECOND / self.tables.rate
             return lambda row, number: round(step * (number + 1))
-        columns = self.columns[None]
-        clock = next((columns.index(name) for name in TIME_COLUMNS if name in columns), None)
-        if clock is None:
+        names = self._column_names[None]
+        column = next((names.index(name) for name in TIME_COLUMNS if name in names), None)
+        if column is None:
             raise RecordingError(f"{self.path} has no column {TIME_COLUMNS[0]} [s]")
-        return lambda row, number: (
-            round(row[None][clock] * NANOSECONDS_PER_SECOND) if np.isfinite(row[None][clock]) else None
-        )
 
-    def _values(self, row):
-        empty = np.zeros(0)
-        if self.tables is not None:
-            return [row[field][self._order[field]] if field in row else empty for field in FIELDS]
-        values = row[None]
-        return [values[places] if len(places := self._order[field]) == len(self.joints) else empty for field in FIELDS]
+        def row_stamp(row: Row, number: int) -> int | None:
+            time = row[None][column]
+            return round(time * NANOSECONDS_PER_SECOND) if np.isfinite(time) else None
 
-    @property
-    def _order(self):
-        if not hasattr(self, "_places"):
-            if self.tables is not None:
-                self._places = {field: [names.index(name) for name in self.joints]
-                                for field, names in self.columns.items()}  # fmt: skip
-            else:
-                columns = self.columns[None]
-                self._places = {field: [columns.index(f"{name}.{field}") for name in self.joints
-                                        if f"{name}.{field}" in columns] for field in FIELDS}  # fmt: skip
-        return self._places
+        return row_stamp
 
-    def _chunks(self):
-        """Lists of {field: (columns,) numbers}, nan where there is none."""
+    def _signal(self, row: Row, field: Field) -> Array:
+        """The values (n,) of a field in a row, empty where the field is missing or incomplete."""
+        columns = self._columns[field]
+        if len(columns) != len(self.joints):
+            return NO_VALUES
+        return row[field if self.tables is not None else None][columns]
+
+    def _chunks(self) -> Iterator[list[Row]]:
+        """Yield lists of rows; nan where a cell has no number."""
         files = {field: file.open(newline="", encoding="utf-8-sig") for field, file in self.files.items()}
         try:
             readers = {field: csv.reader(lines) for field, lines in files.items()}
@@ -137,29 +165,54 @@ class Table:
                     field: self._numbers(field, list(islice(reader, ROWS_PER_CHUNK)))
                     for field, reader in readers.items()
                 }
-                rows = min(len(part) for part in parts.values())
-                if rows != max(len(part) for part in parts.values()):
-                    self.add_note("the files have different numbers of rows: what is beyond the shortest is left out")
-                if not rows:
+                count = min(len(part) for part in parts.values())
+                if count != max(len(part) for part in parts.values()):
+                    self.add_note("the files have different numbers of rows: rows beyond the shortest were skipped")
+                if not count:
                     return
-                yield [{field: part[number] for field, part in parts.items()} for number in range(rows)]
+                yield [{field: part[number] for field, part in parts.items()} for number in range(count)]
         finally:
             for lines in files.values():
                 lines.close()
 
-    def _numbers(self, field, rows):
-        width = len(self.columns[field])
-        if all(len(row) == width for row in rows):  # else numbers of one row would come into the next
+    def _numbers(self, field: Field | None, rows: list[list[str]]) -> Array:
+        """The cells of rows as numbers (len(rows), columns)."""
+        width = len(self._column_names[field])
+        if all(len(row) == width for row in rows):  # else cells of one row would move to the next
             try:
                 return np.array(rows, dtype=float).reshape(-1, width)
             except ValueError:
                 pass
-        cut = [[cell if _is_number(cell) else "nan" for cell in (row + [""] * width)[:width]] for row in rows]
+        padded = ((row + [""] * width)[:width] for row in rows)
+        cells = [[cell if _is_number(cell) else "nan" for cell in row] for row in padded]
         self.add_note(f"{self.files[field].name}: cells that are no numbers were taken as missing")
-        return np.array(cut, dtype=float).reshape(-1, width)
+        return np.array(cells, dtype=float).reshape(-1, width)
 
 
-def _is_number(cell):
+def _table_paths(folder: Path, tables: TableFiles) -> dict[Field | None, Path]:
+    """{field: path} of the files of a folder."""
+    names: dict[Field, str | None] = {
+        "position": tables.position,
+        "velocity": tables.velocity,
+        "effort": tables.effort,
+    }
+    return {field: folder / name for field, name in names.items() if name is not None}
+
+
+def _read_column_names(file: Path) -> list[str]:
+    """The names of the columns, in the first line. Raises RecordingError."""
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as lines:
+            header = next(csv.reader(lines), [])
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise RecordingError(f"{file} cannot be read as CSV: {error}") from None
+    names = [name.strip() for name in header]
+    if not names or all(_is_number(name) for name in names):
+        raise RecordingError(f"{file}: the first line has no column names: time,joint_1.position,... is needed")
+    return names
+
+
+def _is_number(cell: str) -> bool:
     try:
         float(cell)
     except ValueError:

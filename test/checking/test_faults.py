@@ -1,4 +1,4 @@
-"""Faults that were put into recordings, simulated ones and real ones, are named and dated; sound ones have none."""
+"""Faults added to simulated and real recordings are identified and dated; recordings without fault have none."""
 
 import os
 import re
@@ -28,7 +28,7 @@ LATE = 0.03  # [s]
 
 
 class Subject:
-    """A robot with signals of a recording (N, n), into which faults are put before they are filtered."""
+    """A robot with signals of a recording (N, n), to which faults are added before filtering."""
 
     def __init__(self, dynamics, drives, link, rate, q, qd, efforts):
         self.dynamics, self.link, self.rate = dynamics, link, rate
@@ -41,10 +41,10 @@ class Subject:
         joints = dynamics.robot.joints
         self.step = np.array([2 * max(joint.coulomb_friction, 0.015 * joint.limits.effort) for joint in joints])
 
-    def faulty(self, kind, onset, rng):
-        """(efforts with a fault from `onset` [s] on, names of the joints that it concerns)."""
+    def add_fault(self, kind, onset, rng):
+        """(efforts with a fault from `onset` [s] on, names of its joints)."""
         efforts, n, after = self.efforts.copy(), len(self.step), slice(int(onset * self.rate), None)
-        one, other = rng.choice(n, 2, replace=False)
+        first, second = rng.choice(n, 2, replace=False)
         if kind == "delay":
             times = np.arange(len(efforts)) / self.rate
             efforts[after] = np.stack([np.interp(times[after] - LATE, times, each) for each in self.efforts.T], axis=1)
@@ -53,21 +53,21 @@ class Subject:
             efforts[after] += self.kilogram[after]
             return efforts, ()
         if kind == "friction":
-            efforts[after, one] += 0.5 * self.step[one] * np.sign(self.qd[after, one])
+            efforts[after, first] += 0.5 * self.step[first] * np.sign(self.qd[after, first])
         if kind == "sign":
-            efforts[after, one] *= -1
+            efforts[after, first] *= -1
         if kind == "swapped":
-            efforts[after, [one, other]] = efforts[after, [other, one]]
+            efforts[after, [first, second]] = efforts[after, [second, first]]
         names = self.dynamics.joint_names
-        return efforts, {names[one], names[other]} if kind == "swapped" else {names[one]}
+        return efforts, {names[first], names[second]} if kind == "swapped" else {names[first]}
 
-    def fault(self, efforts, pieces=1, measured=None):
-        """The Fault that is named in efforts that are told in some pieces, without the ends, as a check has them."""
+    def find_fault(self, efforts, pieces=1, measured=None):
+        """The Fault of efforts that come in some pieces, without the edges, as a check has them."""
         ends = int(np.ceil(self.rate / self.cutoff))
-        some = slice(ends, len(efforts) - ends)
+        inside = slice(ends, len(efforts) - ends)
         arrays = (self.q, self.qd, self.qdd, lowpass(efforts, self.rate, self.cutoff), efforts)
         measured = np.ones(len(self.step), dtype=bool) if measured is None else measured
-        motion = Motion(ends / self.rate, self.rate, self.cutoff, *(array[some] for array in arrays), measured)
+        motion = Motion(ends / self.rate, self.rate, self.cutoff, *(array[inside] for array in arrays), measured)
         evidence = Evidence(self.predictor, self.link)
         ends = np.linspace(0, len(motion), pieces + 1).astype(int)
         for begin, end in pairwise(ends):
@@ -75,18 +75,18 @@ class Subject:
             evidence.add(part, self.predictor(part))
         return evidence.find_fault()
 
-    def found(self, kind, trials, seed=0):
-        """(named, dated, enclosed): how many of the faults put in at random moments are named, with their joints; are
-        dated within 0.5 s besides; and begin, within a sample, in the time that is told."""
-        rng, good = np.random.default_rng(seed), np.zeros(3, dtype=int)
+    def count_identified(self, kind, trials, seed=0):
+        """(identified, dated, enclosed): how many of the faults at random onsets are identified with their joints;
+        dated within 0.5 s too; and have their onset, to a sample, in the interval of possible onsets."""
+        rng, counts = np.random.default_rng(seed), np.zeros(3, dtype=int)
         for _ in range(trials):
             onset = rng.uniform(0.2, 0.8) * len(self.efforts) / self.rate
-            efforts, joints = self.faulty(kind, onset, rng)
-            fault = self.fault(efforts)
+            efforts, joints = self.add_fault(kind, onset, rng)
+            fault = self.find_fault(efforts)
             if fault and (fault.kind, set(fault.joints)) == (kind, set(joints)):
                 early, late = fault.between
-                good += [1, abs(fault.onset - onset) < 0.5, early - 1 / self.rate < onset < late + 1 / self.rate]
-        return good
+                counts += [1, abs(fault.onset - onset) < 0.5, early - 1 / self.rate < onset < late + 1 / self.rate]
+        return counts
 
 
 def simulated(seed, duration=20.0):
@@ -98,76 +98,78 @@ def simulated(seed, duration=20.0):
 
 
 def real(robot, recording, link):
-    """The robot as it is fitted to its recording, and the recording."""
-    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
+    """A robot that is fitted to its recording, and the recording."""
+    pytest.importorskip("clarabel", reason="clarabel, which fits physically consistent inertias, is not installed")
     dynamics = Dynamics(load_robot(robot))
-    told = open_recording(REAL_DATA / recording, direct_drives(dynamics.joint_names))
+    opened = open_recording(REAL_DATA / recording, direct_drives(dynamics.joint_names))
     identified = fit_consistent_robot(
-        fit_parameters(Samples([told], build_identification_model(dynamics, told.drives)))
+        fit_parameters(Samples([opened], build_identification_model(dynamics, opened.drives)))
     )
-    (stretch,) = told.signal_segments()
-    signals = stretch.position, stretch.velocity, stretch.effort
-    return Subject(Dynamics(identified.robot), identified.drives, link, stretch.rate, *signals)
+    (segment,) = opened.signal_segments()
+    signals = segment.position, segment.velocity, segment.effort
+    return Subject(Dynamics(identified.robot), identified.drives, link, segment.rate, *signals)
 
 
-def test_sound_simulated_recordings_have_no_fault():
+def test_evidence_of_simulated_recordings_without_fault_has_none():
     subject = simulated(0)
     motion = panda_motion(duration=20.0, rate=100.0)
     for seed in range(max(12, TRIALS)):
         noise = np.random.default_rng(seed).normal(size=motion.efforts.shape)
-        assert subject.fault(motion.efforts + noise * [0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05]) is None, seed
+        assert subject.find_fault(motion.efforts + noise * [0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05]) is None, seed
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_faults_of_simulated_recordings_are_named_and_dated(kind):
-    assert list(simulated(1).found(kind, 6)) == [6, 6, 6]
+def test_faults_of_simulated_recordings_are_identified_and_dated(kind):
+    assert list(simulated(1).count_identified(kind, 6)) == [6, 6, 6]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_faults_late_in_recordings_that_are_longer_than_what_is_held_are_found(kind, monkeypatch):
+def test_faults_late_in_recordings_longer_than_the_memory_are_identified(kind, monkeypatch):
     monkeypatch.setattr(faults, "MAX_SAMPLES", 1000)  # of 6000 at 50 Hz
     subject = simulated(3, duration=120.0)
-    efforts, joints = subject.faulty(kind, 104.0, np.random.default_rng(0))
-    fault = subject.fault(efforts, pieces=23)
+    efforts, joints = subject.add_fault(kind, 104.0, np.random.default_rng(0))
+    fault = subject.find_fault(efforts, pieces=23)
     assert (fault.kind, set(fault.joints)) == (kind, set(joints))
     assert fault.onset == pytest.approx(104.0, abs=0.5)
-    assert subject.fault(subject.efforts, pieces=23) is None
+    assert subject.find_fault(subject.efforts, pieces=23) is None
 
 
 @pytest.mark.parametrize("joint", [0, 3])
-def test_a_joint_that_is_not_measured_hides_no_fault_and_has_none(joint):
+def test_joint_without_efforts_has_no_fault_and_hides_none(joint):
     subject = simulated(4)
-    sound, loaded = subject.efforts.copy(), subject.faulty("payload", 11.0, np.random.default_rng(0))[0]
-    sound[:, joint] = loaded[:, joint] = 0
+    unloaded, loaded = subject.efforts.copy(), subject.add_fault("payload", 11.0, np.random.default_rng(0))[0]
+    unloaded[:, joint] = loaded[:, joint] = 0
     measured = np.arange(7) != joint
-    assert subject.fault(sound, measured=measured) is None
-    fault = subject.fault(loaded, measured=measured)
+    assert subject.find_fault(unloaded, measured=measured) is None
+    fault = subject.find_fault(loaded, measured=measured)
     assert fault.kind == "payload" and fault.onset == pytest.approx(11.0, abs=0.2)
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 @pytest.mark.parametrize(
     ("robot", "recording", "link"),
-    [(REAL_DATA / "ur10" / "ur10.urdf", "ur10/ur10_unisa_mcap", "tool0"),
-     ("panda", "panda/panda_unisa_mcap", "panda_link8")],
-)  # fmt: skip
-def test_faults_of_real_recordings_are_named_and_dated(robot, recording, link):
+    [
+        (REAL_DATA / "ur10" / "ur10.urdf", "ur10/ur10_unisa_mcap", "tool0"),
+        ("panda", "panda/panda_unisa_mcap", "panda_link8"),
+    ],
+)
+def test_faults_of_real_recordings_are_identified_and_dated(robot, recording, link):
     subject = real(robot, recording, link)
-    assert subject.fault(subject.efforts) is None
-    good = {kind: subject.found(kind, TRIALS) for kind in KINDS}
-    for kind, (named, dated, enclosed) in good.items():
-        print(f"{robot}: {kind:8} named {named}, within 0.5 s {dated}, in the time told {enclosed} of {TRIALS}")
-    assert min(dated for _, dated, _ in good.values()) >= int(0.9 * TRIALS), good
+    assert subject.find_fault(subject.efforts) is None
+    counts = {kind: subject.count_identified(kind, TRIALS) for kind in KINDS}
+    for kind, (identified, dated, enclosed) in counts.items():
+        print(f"{robot}: {kind:8} identified {identified}, within 0.5 s {dated}, enclosed {enclosed} of {TRIALS}")
+    assert min(dated for _, dated, _ in counts.values()) >= int(0.9 * TRIALS), counts
 
 
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
-def test_a_hand_in_the_model_of_a_panda_without_one_is_found():
+def test_hand_in_the_model_of_a_panda_without_one_is_identified_as_payload():
     """The hand of a Panda has 0.73 kg; in the recording it is not mounted."""
     subject = real("panda", "panda/panda_unisa_mcap", "panda_link8")
     hand = Inertia.about_centre_of_mass(0.73, np.diag([1e-3, 2.5e-3, 1.7e-3]), placement((0, 0.01, 0.03)))
     with_hand = Dynamics(subject.dynamics.robot.with_payload("panda_link8", hand))
     subject.predictor = Predictor(with_hand, subject.predictor.drives)
-    fault = subject.fault(subject.efforts)
+    fault = subject.find_fault(subject.efforts)
     assert fault.kind == "payload" and fault.onset < 1.0
     (kilograms,) = re.findall(r"payload of (\S+) kg", fault.sentence)
     assert float(kilograms) == pytest.approx(-0.73, abs=0.1)
@@ -179,18 +181,18 @@ def placement(position):
     return matrix
 
 
-def test_the_command_names_a_payload(tmp_path, capsys):
+def test_command_reports_a_payload(tmp_path, capsys):
     subject = simulated(2)
-    efforts, _ = subject.faulty("payload", 8.0, np.random.default_rng(0))
+    efforts, _ = subject.add_fault("payload", 8.0, np.random.default_rng(0))
     motion = panda_motion(duration=20.0, rate=100.0, seed=2)
-    sound = messages(motion._replace(efforts=subject.efforts))
+    unloaded = messages(motion._replace(efforts=subject.efforts))
     loaded = messages(motion._replace(efforts=efforts))
     command = ["--robot", "panda", "--faults"]
-    assert main(["replay-check", str(write_bag(tmp_path / "sound", sound)), *command]) == 0
+    assert main(["replay-check", str(write_bag(tmp_path / "unloaded", unloaded)), *command]) == 0
     assert "\nno fault found\n\npassed\n" in capsys.readouterr().out
     assert main(["replay-check", str(write_bag(tmp_path / "loaded", loaded)), *command]) == 3
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     sentence = r"fault: a payload of (\S+) kg on panda_link8, since (\S+) s \(between (\S+) and (\S+) s\)"
-    kilograms, since, early, late = map(float, re.search(sentence, told).groups())
+    kilograms, since, early, late = map(float, re.search(sentence, output).groups())
     assert kilograms == pytest.approx(1.0, abs=0.05) and since == pytest.approx(8.0, abs=0.1)
     assert 7.8 < early < 8.0 < late < 8.2

@@ -1,6 +1,7 @@
-"""Recordings of real robots, which lie beside the checkout where they are: a UR10 and a Panda, published by
-unisa-acg/inverse-dynamics-solver (BSD-3). The figures are those of an independent analysis of the same recordings with
-Pinocchio: Butterworth filters without delay, accelerations as gradients of filtered velocities."""
+"""Recordings of a UR10 and a Panda, published by unisa-acg/inverse-dynamics-solver (BSD-3), beside the checkout.
+
+The expected values are those of an independent analysis of the same recordings with Pinocchio: Butterworth filters
+without delay, accelerations as gradients of filtered velocities."""
 
 import numpy as np
 import pytest
@@ -18,47 +19,47 @@ UR10 = REAL_DATA / "ur10"
 FACTOR = 1.2
 
 
-def rms(found):
-    return np.array([verdict.joint.rms for verdict in found.verdicts])
+def rms(result):
+    return np.array([verdict.joint.rms for verdict in result.verdicts])
 
 
 @pytest.mark.parametrize("storage", ["mcap", "db3"])
-def test_the_urdf_of_a_ur10_fails_in_all_joints_with_the_residuals_of_the_reference(storage):
+def test_check_of_a_ur10_fails_in_all_joints_with_the_residuals_of_the_reference(storage):
     dynamics = Dynamics(load_robot(str(UR10 / "ur10.urdf")))
     recording = open_recording(UR10 / f"ur10_unisa_{storage}", direct_drives(dynamics.joint_names))
-    found = check(recording, dynamics, load_tolerances(), cutoff=8.0)
+    result = check(recording, dynamics, load_tolerances(), cutoff=8.0)
     expected = np.array([21.6, 22.4, 16.9, 6.1, 4.1, 5.8])
-    assert (rms(found) < FACTOR * expected).all() and (rms(found) > expected / FACTOR).all()
-    correlation = [verdict.joint.correlation for verdict in found.verdicts]
+    assert (rms(result) < FACTOR * expected).all() and (rms(result) > expected / FACTOR).all()
+    correlation = [verdict.joint.correlation for verdict in result.verdicts]
     assert correlation == pytest.approx([0.21, 0.95, 0.85, 0.27, 0.01, 0.03], abs=0.025)
-    assert not any(verdict.passed for verdict in found.verdicts)
-    assert found.comparison.samples == 3441 - 32  # those at the ends
-    assert [note.split()[0] for note in found.notes] == ["32"]
+    assert not any(verdict.passed for verdict in result.verdicts)
+    assert result.comparison.samples == 3441 - 32  # the edges
+    assert [note.split()[0] for note in result.notes] == ["32"]
 
 
-def test_a_panda_without_hand_fits_its_urdf_and_friction_as_the_reference_does():
-    """Friction here is what the description has none of: viscous and Coulomb, fitted to the residual of each joint."""
+def test_check_of_a_panda_without_hand_has_the_residuals_of_the_reference():
+    """The description has no friction: viscous and Coulomb friction are fitted to the residual of each joint."""
     dynamics = Dynamics(load_robot("panda"))
     recording = open_recording(REAL_DATA / "panda" / "panda_unisa_mcap", direct_drives(dynamics.joint_names))
     pieces = []
-    found = check(recording, dynamics, load_tolerances(), on_piece=lambda motion, p, _: pieces.append((motion, p)))
+    result = check(recording, dynamics, load_tolerances(), on_piece=lambda motion, p, _: pieces.append((motion, p)))
     residual = np.concatenate([motion.efforts - predicted for motion, predicted in pieces])
     rates = np.concatenate([motion.qd for motion, _ in pieces])
-    left = []
+    unexplained = []
     for r, rate in zip(residual.T, rates.T, strict=True):
         X = np.stack([rate, np.sign(rate), np.ones(len(rate))], axis=1)
-        left.append(np.sqrt(np.mean((r - X @ np.linalg.lstsq(X, r, rcond=None)[0]) ** 2)))
-    assert (np.array(left) < FACTOR * np.array([0.51, 0.37, 0.43, 0.65, 0.18, 0.21, 0.07])).all()
-    assert found.comparison.samples > 700 and found.cutoff == pytest.approx(6.0, abs=0.01)
+        unexplained.append(np.sqrt(np.mean((r - X @ np.linalg.lstsq(X, r, rcond=None)[0]) ** 2)))
+    assert (np.array(unexplained) < FACTOR * np.array([0.51, 0.37, 0.43, 0.65, 0.18, 0.21, 0.07])).all()
+    assert result.comparison.samples > 700 and result.cutoff == pytest.approx(6.0, abs=0.01)
 
 
-def test_a_real_database_is_read_however_short_it_is_cut(tmp_path):
+def test_bag_reads_the_rest_of_a_real_truncated_database(tmp_path):
     content = (UR10 / "ur10_unisa_db3" / "ur10_unisa_db3.db3").read_bytes()
     whole = np.array([sample.position for sample in Bag(UR10 / "ur10_unisa_db3").samples(["/joint_states"])])
     for tenth in range(1, 10):
         cut = tmp_path / f"cut_{tenth}.db3"
         cut.write_bytes(content[: len(content) * tenth // 10])
         bag = Bag(cut)
-        found = np.array([sample.position for sample in bag.samples(bag.joint_topics())])
-        assert np.array_equal(found, whole[: len(found)])
-        assert len(found) > (tenth / 10 - 0.05) * len(whole)
+        positions = np.array([sample.position for sample in bag.samples(bag.joint_topics())])
+        assert np.array_equal(positions, whole[: len(positions)])
+        assert len(positions) > (tenth / 10 - 0.05) * len(whole)

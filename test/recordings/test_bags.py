@@ -1,4 +1,4 @@
-"""Bags are read whatever they are kept in; what breaks off is read up to there, and said to be."""
+"""Bags of all storage formats; damaged ones are read to where they break off, with a note."""
 
 import shutil
 import sqlite3
@@ -13,8 +13,14 @@ from robot_dynamics.recordings.bags import JOINT_STATE, Bag
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
 MOTION = panda_motion(duration=6.0)
 MODES = rosbag2.CompressionMode
-KINDS = [("mcap", None), ("sqlite3", None), ("mcap", MODES.MESSAGE), ("mcap", MODES.FILE), ("sqlite3", MODES.FILE),
-         ("mcap", MODES.STORAGE)]  # fmt: skip
+KINDS = [
+    ("mcap", None),
+    ("sqlite3", None),
+    ("mcap", MODES.MESSAGE),
+    ("mcap", MODES.FILE),
+    ("sqlite3", MODES.FILE),
+    ("mcap", MODES.STORAGE),
+]
 
 
 def positions(bag, requested=()):
@@ -26,7 +32,7 @@ def storage_file(folder):
 
 
 @pytest.mark.parametrize(("storage", "compression"), KINDS)
-def test_every_kind_of_bag_gives_what_was_written(tmp_path, storage, compression):
+def test_bag_of_every_storage_format_gives_the_written_messages(tmp_path, storage, compression):
     bag = Bag(write_bag(tmp_path / "run", messages(MOTION), storage, compression))
     samples = list(bag.samples(bag.joint_topics()))
     for field, expected in (("position", MOTION.q), ("velocity", MOTION.qd), ("effort", MOTION.efforts)):
@@ -37,13 +43,13 @@ def test_every_kind_of_bag_gives_what_was_written(tmp_path, storage, compression
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_single_file_is_a_bag(tmp_path, storage):
+def test_bag_reads_a_single_file(tmp_path, storage):
     bag = Bag(storage_file(write_bag(tmp_path / "run", messages(MOTION), storage)))
     assert np.array_equal(positions(bag), MOTION.q) and bag.notes == []
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_a_folder_without_metadata_is_read_and_said_to_be(tmp_path, storage):
+def test_bag_reads_a_folder_without_metadata_with_a_note(tmp_path, storage):
     folder = write_bag(tmp_path / "run", messages(MOTION), storage)
     (folder / "metadata.yaml").unlink()
     bag = Bag(folder)
@@ -51,7 +57,7 @@ def test_a_folder_without_metadata_is_read_and_said_to_be(tmp_path, storage):
     assert "metadata.yaml cannot be used" in bag.notes[0]
 
 
-def test_files_of_a_split_bag_come_in_the_order_of_their_numbers(tmp_path):
+def test_bag_reads_the_files_of_a_split_bag_in_the_order_of_their_numbers(tmp_path):
     whole = messages(MOTION)
     (tmp_path / "run").mkdir()
     for number in range(12):
@@ -70,32 +76,36 @@ def long_bag(request, tmp_path_factory):
 
 
 @pytest.mark.parametrize("tenth", range(10))
-def test_what_is_left_of_a_truncated_bag_is_read(tmp_path, long_bag, tenth):
+def test_bag_reads_the_rest_of_a_truncated_file(tmp_path, long_bag, tenth):
     storage, content, long = long_bag
     cut = tmp_path / ("cut.mcap" if storage == "mcap" else "cut.db3")
     cut.write_bytes(content[: len(content) * tenth // 10])
     try:
         bag = Bag(cut)
-        found = positions(bag)
-    except RecordingError as error:  # nothing is left that could be read
+        bag_positions = positions(bag)
+    except RecordingError as error:  # no message is left
         assert tenth == 0 or (storage == "mcap" and tenth <= 4)
         assert "is no bag" in str(error) or "breaks off after 0 messages" in str(error)
         return
     assert any("breaks off after" in note for note in bag.notes)
-    assert np.array_equal(found, long.q[: len(found)])
-    assert len(found) > (tenth / 10 - (0.35 if storage == "mcap" else 0.1)) * len(long.q)
+    assert np.array_equal(bag_positions, long.q[: len(bag_positions)])
+    assert len(bag_positions) > (tenth / 10 - (0.35 if storage == "mcap" else 0.1)) * len(long.q)
 
 
-def test_a_database_that_lost_power_is_read_with_its_log(tmp_path):
-    """What is in the write-ahead log alone, `rosbags` does not see."""
+def test_bag_reads_a_database_that_was_not_closed_with_its_log(tmp_path):
+    """`rosbags` does not read messages that are in the write-ahead log only."""
     file = storage_file(write_bag(tmp_path / "run", messages(MOTION)[:100], "sqlite3"))
     writer = sqlite3.connect(file)
     writer.execute("PRAGMA journal_mode=WAL")
     types = store()
-    rows = [(1, 1_600_000_100_000_000_000 + k, types.serialize_cdr(of_rosbags(told, types.types), JOINT_STATE))
-            for k, told in enumerate(messages(MOTION)[100:200])]  # fmt: skip
-    writer.executemany("INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
-                       [(topic, stamp, bytes(data)) for topic, stamp, data in rows])  # fmt: skip
+    rows = [
+        (1, 1_600_000_100_000_000_000 + k, types.serialize_cdr(of_rosbags(state, types.types), JOINT_STATE))
+        for k, state in enumerate(messages(MOTION)[100:200])
+    ]
+    writer.executemany(
+        "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)",
+        [(topic, stamp, bytes(data)) for topic, stamp, data in rows],
+    )
     writer.commit()
     for suffix in ("", "-wal"):
         shutil.copy(f"{file}{suffix}", tmp_path / f"lost.db3{suffix}")
@@ -105,7 +115,7 @@ def test_a_database_that_lost_power_is_read_with_its_log(tmp_path):
     assert "was not closed" in bag.notes[0]
 
 
-def test_what_is_no_bag_or_has_no_such_topic_is_refused(tmp_path):
+def test_bag_refuses_other_files_and_missing_topics(tmp_path):
     text = tmp_path / "notes.mcap"
     text.write_text("this is no bag at all")
     with pytest.raises(RecordingError, match=r"notes\.mcap is no bag"):

@@ -1,6 +1,6 @@
 """Messages of a node's topics, written as they come into a bag that rosbag2, Foxglove and PlotJuggler read (MCAP)."""
 
-from robot_dynamics.recordings.bags import import_rosbag2, typestore
+from robot_dynamics.recordings.bags import import_rosbag2, load_typestore
 
 DEEP = 2000  # messages that may wait
 
@@ -18,7 +18,7 @@ class BagRecorder:
 
     def __enter__(self):
         self._writer.open()
-        store = typestore()
+        store = load_typestore()
         self._held = []
         for name, kind in self._topics.items():
             package, _, _ = kind.__module__.split(".", 2)

@@ -150,7 +150,7 @@ class ReplayCheck(Node):
         self._diagnostics.publish_if_changed(*self._health())
 
     def _stale_names(self):
-        return self._check.stale(time.time_ns(), self._values["stale_after"])
+        return self._check.find_stale_names(time.time_ns(), self._values["stale_after"])
 
     def _trying(self, work):
         """Publish the Pieces that come of some work; what it refuses is told, and counted."""
