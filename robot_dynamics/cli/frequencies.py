@@ -89,7 +89,12 @@ def parse_positions(arguments: Namespace, dynamics: Dynamics) -> Array:
     if arguments.pose is not None and arguments.joints is not None:
         raise InvalidInputError("--pose and --joints set the same positions twice: give one of the two")
     if arguments.joints is None and dynamics.robot.platforms:
-        coordinates = coordinates_from_pose(dynamics.platform.pose(dynamics.initial_joint_positions))
+        pose = dynamics.platform.pose(dynamics.initial_joint_positions)
+        if isinstance(pose, dict):
+            raise InvalidInputError(
+                f"{dynamics.robot.name!r} has the platforms {', '.join(pose)}: --pose is for one platform, use --joints"
+            )
+        coordinates = coordinates_from_pose(pose)
         for name, value in parse_assignments("--pose", arguments.pose).items():
             check_coordinate(name, dynamics.platform.free)
             coordinates[COORDINATES.index(name)] = value

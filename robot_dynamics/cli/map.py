@@ -132,11 +132,12 @@ def _write_table(path: Path, result: PoseMap, robot: Robot) -> None:
         header.append(f"position {name} [{'m' if unit == 'N' else 'rad'}]")
     for name, unit in zip(result.joint_names, units, strict=True):
         header.append(f"effort {name} [{unit}]")
+    axes = [np.asarray(values, dtype=float) for values in result.axes.values()]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)
         for index in np.ndindex(result.within_limits.shape):
-            pose = [values[k] for values, k in zip(result.axes.values(), index, strict=True)]
+            pose = [coordinates[k] for coordinates, k in zip(axes, index, strict=True)]
             states = [int(result.reachable[index]), int(result.within_limits[index])]
             values = [result.condition_number[index], *result.positions[index], *result.efforts[index]]
             writer.writerow([*map(_format_value, pose), *states, *map(_format_value, values)])

@@ -92,12 +92,14 @@ def _draw_grid(figure: Figure, panels: Sequence[Axes], result: PoseMap, robot: R
 
 
 def _draw_mesh(panel: Axes, result: PoseMap, values: Array, norm: Normalize | None, colours: str | Colormap) -> Any:
-    return panel.pcolormesh(*result.axes.values(), values.T, shading="nearest", norm=norm, cmap=colours)
+    first, second = result.axes.values()
+    return panel.pcolormesh(first, second, values.T, shading="nearest", norm=norm, cmap=colours)
 
 
 def _draw_line(panels: Sequence[Axes], result: PoseMap, robot: Robot) -> None:
     """Draw three panels over one coordinate."""
-    ((name, values),) = result.axes.items()
+    (name,) = result.axes
+    values = np.asarray(result.axes[name], dtype=float)
     classes = _pose_classes(result)
     limits = _limits_in_range(result, robot, name)
     panels[0].plot(values, np.where(result.is_nonsingular, result.condition_number, np.nan), color="#35608d")
@@ -163,8 +165,10 @@ def _colour_norm(values: Array) -> Normalize | None:
 
 def _limits_in_range(result: PoseMap, robot: Robot, name: str) -> list[float]:
     """Return the limits of a coordinate in the description that lie within the map."""
+    if robot.platform is None:
+        return []
     limits = robot.joints[robot.platform.joints[COORDINATES.index(name)]].limits
-    values = result.axes[name]
+    values = np.asarray(result.axes[name], dtype=float)
     return [limit for limit in (limits.lower, limits.upper) if values[0] < limit < values[-1]]
 
 

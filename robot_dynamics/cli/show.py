@@ -179,10 +179,9 @@ def print_totals(robot: Robot) -> None:
     dynamics = Dynamics(robot)
     placements = link_placements(robot, dynamics.expand_positions(np.zeros(len(dynamics.joint_names))))
     if mass > 0:
-        moment = sum(
-            R @ link.inertia.first_moments + link.inertia.mass * P
-            for link, (R, P) in zip(links, placements[first:], strict=True)
-        )
+        moment = np.zeros(3)
+        for link, (R, P) in zip(links, placements[first:], strict=True):
+            moment = moment + (R @ link.inertia.first_moments + link.inertia.mass * P)
         centre = moment / mass
         text += f", centre at {' '.join(f'{x:.6g}' for x in centre)} m with all joint variables zero"
     print(f"\n{text}")

@@ -160,6 +160,7 @@ def _sample_loop_regressor(dynamics: Dynamics, samples: int, seed: int) -> Array
     robot = dynamics.robot
     motions = sample_loop_motions(robot, samples, seed)
     base = base_state(robot, motions.base)
+    assert base.acceleration is not None  # the random motions prescribe it
     Y = regressor(robot, motions.q, motions.qd, motions.qdd, base.twist, base.acceleration)
     P = projection_matrix(motions.directions, 6 if robot.moving_base else 0)
     projected: Array = np.swapaxes(P, -1, -2) @ Y

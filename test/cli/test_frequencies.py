@@ -63,6 +63,7 @@ def test_map_is_drawn_as_png(tmp_path, capsys):
         (["navaro", "--mode", "91"], "modes 1 to 90"),
         (["navaro", "--held", "nobody"], "unknown joint 'nobody'"),
         (["navaro", "--count", "0"], "1 or more"),
+        (["hexapod_stack"], "has the platforms lower, upper: --pose is for one platform"),
     ],
 )
 def test_wrong_arguments_are_refused_with_a_reason(arguments, reason, capsys):

@@ -53,7 +53,7 @@ def test_short_pieces_between_gaps_are_left_out_and_reported(bags, tmp_path, cap
     motion = panda_motion(times=uneven_times("pieces", 40.0), viscous=1.5, coulomb=0.6)
     bag, figures = write_bag(tmp_path / "run", messages(motion)), tmp_path / "fit.json"
     assert main(["identify", str(bag), "--robot", "panda", "--json", str(figures)]) == 0
-    assert "samples are in stretches too short to be filtered, and were left out" in capsys.readouterr().out
+    assert "samples are in segments too short to be filtered and were skipped" in capsys.readouterr().out
     parameters = json.loads(figures.read_text())["parameters"]
     friction = [parameter["value"] for parameter in parameters if parameter["name"][:2] == "Fv"]
     assert friction == pytest.approx([1.5] * 7, abs=0.15)

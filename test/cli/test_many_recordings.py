@@ -62,7 +62,7 @@ def test_identification_is_equal_with_every_executor(bags, cluster, tmp_path, ca
     assert capfd.readouterr().err == ""
     assert completed_tasks(cluster) == {"run_task": 2 * (1 + 6 + 1) + 1}  # unweighted, six rounds of weights, residuals
     assert equal(local, distributed) and len(local["parameters"]) == 69 and local["trained"]["samples"] > 2000
-    assert any("ends of stretches" in note for note in local["notes"])
+    assert any("ends of segments" in note for note in local["notes"])
 
 
 def test_checks_are_equal_with_every_executor(bags, cluster, tmp_path, capfd):
@@ -77,7 +77,7 @@ def test_checks_are_equal_with_every_executor(bags, cluster, tmp_path, capfd):
         results.append(json.loads(figures.read_text()))
         outputs.append(capfd.readouterr().out)
     assert equal(results[0], results[1]) and equal(results[0], results[2]) and len(set(outputs)) == 1
-    assert completed_tasks(cluster)["outcome"] == 4
+    assert completed_tasks(cluster)["check_path"] == 4
     assert "2 passed, 1 FAILED, 1 not checked" in outputs[0]
     recordings = results[0]["recordings"]
     assert [entry["passed"] for entry in recordings] == [True, True, False, None]

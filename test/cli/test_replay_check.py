@@ -61,7 +61,7 @@ def test_exit_status_is_1_for_recordings_that_cannot_be_checked(tmp_path, capsys
     lame = write_bag(tmp_path / "lame", messages(MOTION._replace(q=MOTION.q[:, :6]), JOINTS[:6]))
     silent = write_bag(tmp_path / "silent", messages(MOTION._replace(efforts=0 * MOTION.efforts)))
     for path, expected in (
-        (text, "is no bag"), (tmp_path / "nowhere", "is not there"), (short, "2 samples of the joints"),
+        (text, "is no bag"), (tmp_path / "nowhere", "does not exist"), (short, "2 samples of the joints"),
         (chatter, "has no topic of sensor_msgs/msg/JointState"), (lame, "joints missing: panda_joint7"),
         (silent, "nothing was measured"),
     ):  # fmt: skip
@@ -108,8 +108,8 @@ def test_golden_bag_contains_the_predictions_and_detects_changes(tmp_path, capsy
     results = json.loads(figures.read_text())
     assert results["passed"] is False and any("panda_joint4" in difference for difference in results["golden"])
     for arguments, expected in (
-        (["--write-golden", golden], "is there already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
-        (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden is not there"),
+        (["--write-golden", golden], "exists already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
+        (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden does not exist"),
     ):  # fmt: skip
         assert run(bag, "--robot", "panda", *arguments) == 1
         assert expected in capsys.readouterr().err
