@@ -1,1 +1,1 @@
-"""The command robot-dynamics: one verb, one file."""
+"""The command robot-dynamics, with one file for each verb."""

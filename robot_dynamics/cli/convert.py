@@ -1,53 +1,59 @@
-"""Turn a description into another: URDF, MDH table in YAML, SYMORO+ .par.
+"""Convert a description to another format: URDF, MDH table in YAML, or SYMORO+ .par.
 
-The robot stays the same; what the other format cannot say is refused, or left out and listed with --lossy. Of a table
-the robot is kept, not the text: parameters and expressions become numbers, fixed rows are lumped, comments go.
+The robot stays the same. Properties that the target format cannot express are errors, or are left out and listed with
+--lossy. From a table only the robot is kept: parameters and expressions become numbers, fixed rows are merged into
+their links, and comments are dropped.
 """
 
 import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
 from pathlib import Path
 
-from robot_dynamics.cli.output_files import write_text
+from robot_dynamics.cli.output_files import check_ending, write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
-from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 from robot_dynamics.model.formats.par import writer as par_writer
 from robot_dynamics.model.formats.urdf import writer as urdf_writer
 from robot_dynamics.model.mdh_table import build_mdh_table
+from robot_dynamics.model.robot import Robot
 
 NAME = "convert"
-WRITERS = {
+WRITERS: dict[str, Callable[[Robot, bool], str]] = {
     ".yaml": lambda robot, lossy: write_mdh_yaml(robot),
     ".yml": lambda robot, lossy: write_mdh_yaml(robot),
     ".urdf": lambda robot, lossy: urdf_writer.write_urdf(robot, lossy=lossy),
     ".par": lambda robot, lossy: par_writer.write_par(robot, lossy=lossy),
 }
-OMISSIONS = {
+OMISSIONS: dict[str, Callable[[Robot], list[str]]] = {
     ".urdf": urdf_writer.find_losses,
     ".par": lambda robot: [*par_writer.find_losses(robot), *par_writer.find_base_loss(robot)],
 }
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of the verb."""
     add_robot_arguments(parser)
-    parser.add_argument("target", help=f"path to write; its ending says the format: {', '.join(WRITERS)}")
-    parser.add_argument("--lossy", action="store_true", help="leave out what the format cannot say, and list it")
+    parser.add_argument("target", help=f"output path; its ending selects the format: {', '.join(WRITERS)}")
+    parser.add_argument(
+        "--lossy", action="store_true", help="leave out properties that the format cannot express, and list them"
+    )
 
 
-def run(arguments):
+def run(arguments: Namespace) -> None:
+    """Write the robot in the format of the target."""
     target = Path(arguments.target)
-    if target.suffix not in WRITERS:
-        raise DescriptionError(f"{target}: the ending says the format, {', '.join(WRITERS)} are known")
+    ending = check_ending(target, WRITERS)
     robot = load_robot_argument(arguments)
-    text = WRITERS[target.suffix](robot, arguments.lossy)
+    text = WRITERS[ending](robot, arguments.lossy)
     write_text(target, text)
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
-    for sentence in OMISSIONS.get(target.suffix, lambda robot: [])(robot):
-        print(f"left out: {sentence}", file=sys.stderr)
-    nearly = sum(row.joint is None for row in build_mdh_table(robot))
-    if nearly and arguments.snap is None:
+    for omission in OMISSIONS.get(ending, lambda robot: [])(robot):
+        print(f"left out: {omission}", file=sys.stderr)
+    offset_rows = sum(row.joint is None for row in build_mdh_table(robot))
+    if offset_rows and arguments.snap is None:
         print(
-            f"note: {nearly} axes are nearly parallel to those before, and have two rows each in the table: "
+            f"note: {offset_rows} axes are nearly parallel to the previous axis and need two rows of the table each: "
             "--snap makes them parallel",
             file=sys.stderr,
         )

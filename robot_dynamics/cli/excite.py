@@ -1,14 +1,19 @@
-"""Design a trajectory that excites a robot, for identify: Fourier series within joint limits.
+"""Design an excitation trajectory for identify: a Fourier series within the joint limits.
 
-It begins and ends at rest, and makes the condition number of the base parameters and frictions as small as is found.
-Written is a CSV with columns time, <joint>.position, .velocity and .acceleration. Whether links hit each other, the
-table or a cable is not known here: look at the motion before a robot runs it, and begin slowly.
+The trajectory begins and ends at rest and minimises the condition number of the base parameters and frictions. The
+output is a CSV with the columns time, <joint>.position, .velocity and .acceleration. Collisions of the links with each
+other, a table or a cable are not checked: inspect the motion before a robot executes it, and begin slowly.
 
-It takes some seconds for an arm of seven joints; how long it will take is said at the beginning, and a bar on a
-terminal shows how far it is. --time-limit ends it with the best trajectory so far.
+It takes some seconds for an arm with seven joints. The estimated time is printed at the beginning, and a terminal
+shows a progress bar. --time-limit ends the design with the best trajectory so far.
 """
 
+from __future__ import annotations
+
 import io
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,64 +22,118 @@ from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_a
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 
+if TYPE_CHECKING:
+    from robot_dynamics.identification.fourier_trajectory import FourierTrajectory
+
 NAME = "excite"
+POSITIVE_ARGUMENTS = ("duration", "rate", "acceleration", "iterations", "harmonics", "time_limit")
+MAX_SAMPLES = 1e7
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of the verb."""
     add_robot_arguments(parser)
-    parser.add_argument("--output", metavar="FILE.csv", required=True, help="write the trajectory")
+    parser.add_argument("--output", metavar="FILE.csv", required=True, help="output file of the trajectory")
     parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
-    parser.add_argument("--harmonics", type=int, default=5, help="of the series (default: %(default)s)")
-    parser.add_argument("--rate", type=float, default=100.0, metavar="HZ", help="of what is written (%(default)s)")
-    parser.add_argument("--acceleration", type=float, default=np.inf, metavar="A",
-                        help="limit of all joints [rad/s² or m/s²]; default: none")  # fmt: skip
-    parser.add_argument("--margin", type=float, default=0.05, metavar="PART",
-                        help="of ranges and rates that is left free at each end (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--iterations", type=int, default=50, help="of the optimiser (default: %(default)s)")
-    parser.add_argument("--time-limit", type=float, default=np.inf, metavar="S",
-                        help="take the best trajectory so far after this time (default: none)")  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--harmonics", type=int, default=5, help="number of harmonics of the series (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--rate", type=float, default=100.0, metavar="HZ", help="sample rate of the output (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--acceleration",
+        type=float,
+        default=np.inf,
+        metavar="A",
+        help="acceleration limit of all joints [rad/s² or m/s²] (default: none)",
+    )
+    parser.add_argument(
+        "--margin",
+        type=float,
+        default=0.05,
+        metavar="PART",
+        help="part of the position and velocity ranges left free at each end (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--iterations",
+        type=int,
+        default=50,
+        help="maximum number of optimiser iterations (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--time-limit",
+        type=float,
+        default=np.inf,
+        metavar="S",
+        help="stop after this time with the best trajectory so far (default: none)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of the random initial trajectories")
 
 
-def run(arguments):
+def run(arguments: Namespace) -> None:
+    """Design the trajectory and write it."""
     dynamics = Dynamics(load_robot_argument(arguments))
-    for name in ("duration", "rate", "acceleration", "iterations", "harmonics", "time_limit"):
-        if not getattr(arguments, name) > 0:
-            raise InvalidInputError(f"--{name.replace('_', '-')} {getattr(arguments, name):g}: more than 0 is needed")
-    if not arguments.duration * arguments.rate < 1e7:
-        raise InvalidInputError(
-            f"--duration {arguments.duration:g} --rate {arguments.rate:g}: less than 10 million samples are needed"
-        )
+    _check_arguments(arguments)
     from robot_dynamics.cli.progress import progress_bar
-    from robot_dynamics.identification.excitation import design_excitation, joint_bounds
+    from robot_dynamics.identification.excitation import design_excitation
+    from robot_dynamics.identification.fourier_trajectory import joint_bounds
     from robot_dynamics.identification.identification_model import build_identification_model
     from robot_dynamics.recordings.drives import direct_drives
 
-    columns = build_identification_model(dynamics, direct_drives(dynamics.joint_names), compiled=False)
+    model = build_identification_model(dynamics, direct_drives(dynamics.joint_names), compiled=False)
     bounds = joint_bounds(dynamics, arguments.acceleration, arguments.margin)
+    parameter_count = len(model.names)
 
-    def on_estimate(seconds):
-        print(f"{arguments.iterations} iterations for {len(columns.names)} parameters: about {max(1, round(seconds))} s",
-              flush=True)  # fmt: skip
+    def print_estimate(seconds: float) -> None:
+        print(
+            f"{arguments.iterations} iterations for {parameter_count} parameters: about {max(1, round(seconds))} s",
+            flush=True,
+        )
 
-    with progress_bar(arguments.iterations, "condition number", " iterations") as shown:
-        found = design_excitation(
-            columns, bounds, duration=arguments.duration, harmonics=arguments.harmonics, iterations=arguments.iterations,
-            seed=arguments.seed, time_limit=arguments.time_limit, on_estimate=on_estimate,
-            on_iteration=lambda done, _: shown(done))  # fmt: skip
-    write_text(arguments.output, trajectory_csv(found.trajectory, dynamics.joint_names, arguments.rate))
-    if not found.complete:
-        print(f"time limit of {arguments.time_limit:g} s after {found.iterations} of {arguments.iterations} iterations: this is "
-              "the best trajectory so far")  # fmt: skip
-    print(f"{arguments.output}: {arguments.duration:g} s, condition number {found.condition:.3g} of {len(columns.names)} "
-          "parameters")  # fmt: skip
+    with progress_bar(arguments.iterations, "condition number", " iterations") as show_progress:
+        excitation = design_excitation(
+            model,
+            bounds,
+            duration=arguments.duration,
+            harmonics=arguments.harmonics,
+            iterations=arguments.iterations,
+            seed=arguments.seed,
+            time_limit=arguments.time_limit,
+            on_estimate=print_estimate,
+            on_iteration=lambda done, _: show_progress(done),
+        )
+    write_text(arguments.output, trajectory_csv(excitation.trajectory, dynamics.joint_names, arguments.rate))
+    if not excitation.complete:
+        print(
+            f"time limit of {arguments.time_limit:g} s reached after {excitation.iterations} of {arguments.iterations} "
+            "iterations: this is the best trajectory so far"
+        )
+    print(
+        f"{arguments.output}: {arguments.duration:g} s, condition number {excitation.condition:.3g} of "
+        f"{parameter_count} parameters"
+    )
 
 
-def trajectory_csv(trajectory, names, rate):
-    """The CSV text of a FourierTrajectory, both ends included."""
+def trajectory_csv(trajectory: FourierTrajectory, names: Sequence[str], rate: float) -> str:
+    """Format samples of a trajectory as CSV, its first and last point included.
+
+    names: (n,) of the joints; rate: samples per second.
+    """
     times = np.linspace(0, trajectory.duration, round(trajectory.duration * rate) + 1)
     columns = np.stack(trajectory(times), axis=-1).reshape(len(times), -1)
-    head = ["time", *(f"{name}.{kind}" for name in names for kind in ("position", "velocity", "acceleration"))]
+    header = ["time", *(f"{name}.{kind}" for name in names for kind in ("position", "velocity", "acceleration"))]
     text = io.StringIO()
-    np.savetxt(text, np.column_stack([times, columns]), fmt="%.9g", delimiter=",", header=",".join(head), comments="")
+    np.savetxt(text, np.column_stack([times, columns]), fmt="%.9g", delimiter=",", header=",".join(header), comments="")
     return text.getvalue()
+
+
+def _check_arguments(arguments: Namespace) -> None:
+    for name in POSITIVE_ARGUMENTS:
+        value = getattr(arguments, name)
+        if not value > 0:
+            raise InvalidInputError(f"--{name.replace('_', '-')} {value:g}: more than 0 is needed")
+    if not arguments.duration * arguments.rate < MAX_SAMPLES:
+        raise InvalidInputError(
+            f"--duration {arguments.duration:g} --rate {arguments.rate:g}: less than 10 million samples are needed"
+        )

@@ -1,107 +1,144 @@
-"""Maps of frequencies and moving modes as HTML files that need nothing else, by Plotly; maps as PNG by Matplotlib."""
+"""Drawings of natural frequencies: maps and animated modes as self-contained HTML files, maps as PNG files."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 from html import escape
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
-FRAMES = 24
-DEFLECTION = 0.12  # of the size of the robot, to which modes are drawn
+if TYPE_CHECKING:
+    from robot_dynamics.flexible.frequency_map import FrequencyMap
+
+FRAMES = 24  # of the animation of a mode
+DEFLECTION = 0.12  # largest displacement in the drawing of a mode, relative to the size of the robot
+MODE_COLOUR = "#1f6fb4"
+REST_COLOUR = "#c0c4c8"
 
 
-def import_plotly():
-    """The module of plotly that draws. Raises MissingPackageError."""
+def import_plotly() -> ModuleType:
+    """Import the module of plotly that draws. Raises MissingPackageError."""
     return import_optional("plotly.graph_objects", "a picture in HTML")
 
 
-def _page(figure, title):
-    text = figure.to_html(include_plotlyjs=True, full_html=True, config={"displaylogo": False})
-    return text.replace("<head>", f"<head><title>{escape(title)}</title>", 1)
-
-
-def map_html(name, found):
-    """The HTML of a FrequencyMap over two coordinates: one frequency at a time, which a menu chooses."""
+def map_html(name: str, frequencies: FrequencyMap) -> str:
+    """Draw a map over two coordinates as HTML, with a menu that selects one of the frequencies."""
     go = import_plotly()
-    (first, rows), (second, columns) = found.axes.items()
+    (first, first_values), (second, second_values) = frequencies.axes.items()
     figure = go.Figure()
-    for k in range(found.frequencies.shape[-1]):
-        figure.add_trace(go.Heatmap(
-            x=rows, y=columns, z=found.frequencies[..., k].T, visible=k == 0, colorbar={"title": "Hz"},
-            hovertemplate=f"{first} %{{x:.4g}}<br>{second} %{{y:.4g}}<br>%{{z:.4g}} Hz<extra></extra>",
-        ))  # fmt: skip
+    for k in range(frequencies.frequencies.shape[-1]):
+        figure.add_trace(
+            go.Heatmap(
+                x=first_values,
+                y=second_values,
+                z=frequencies.frequencies[..., k].T,
+                visible=k == 0,
+                colorbar={"title": "Hz"},
+                hovertemplate=f"{first} %{{x:.4g}}<br>{second} %{{y:.4g}}<br>%{{z:.4g}} Hz<extra></extra>",
+            )
+        )
     count = len(figure.data)
-    buttons = [{"label": f"f{k + 1}", "method": "update", "args": [{"visible": [n == k for n in range(count)]}]}
-               for k in range(count)]  # fmt: skip
+    buttons = [
+        {"label": f"f{k + 1}", "method": "update", "args": [{"visible": [n == k for n in range(count)]}]}
+        for k in range(count)
+    ]
     figure.update_layout(
-        title=f"Natural frequencies of {escape(name)}", template="plotly_white", width=820, height=700,
+        title=f"Natural frequencies of {escape(name)}",
+        template="plotly_white",
+        width=820,
+        height=700,
         updatemenus=[{"buttons": buttons, "x": 1.0, "y": 1.1}],
-        xaxis={"title": f"{first} [{COORDINATE_UNITS[first]}]"}, yaxis={"title": f"{second} [{COORDINATE_UNITS[second]}]"},
-    )  # fmt: skip
+        xaxis={"title": _axis_label(first)},
+        yaxis={"title": _axis_label(second)},
+    )
     if COORDINATE_UNITS[first] == COORDINATE_UNITS[second]:
         figure.update_yaxes(scaleanchor="x")
     return _page(figure, f"{name}: natural frequencies")
 
 
-def save_map_png(name, found, path):
-    """Writes a FrequencyMap over two coordinates as a PNG: a field for each frequency."""
-    (first, rows), (second, columns) = found.axes.items()
-    count = found.frequencies.shape[-1]
-    across = min(3, count)
-    figure = Figure(figsize=(4.2 * across, 3.6 * -(-count // across)), layout="constrained")
+def save_map_png(name: str, frequencies: FrequencyMap, path: str | Path) -> None:
+    """Draw a map over two coordinates into a PNG file, with one panel per frequency."""
+    (first, first_values), (second, second_values) = frequencies.axes.items()
+    count = frequencies.frequencies.shape[-1]
+    columns = min(3, count)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(4.2 * columns, 3.6 * rows), layout="constrained")
     FigureCanvasAgg(figure)
-    for k, axes in enumerate(figure.subplots(-(-count // across), across, squeeze=False).flat):
+    for k, axes in enumerate(figure.subplots(rows, columns, squeeze=False).flat):
         if k >= count:
             axes.set_visible(False)
             continue
-        shown = axes.pcolormesh(rows, columns, found.frequencies[..., k].T, shading="nearest")
-        figure.colorbar(shown, ax=axes, label="Hz")
-        axes.set(
-            title=f"f{k + 1}",
-            xlabel=f"{first} [{COORDINATE_UNITS[first]}]",
-            ylabel=f"{second} [{COORDINATE_UNITS[second]}]",
-        )
+        mesh = axes.pcolormesh(first_values, second_values, frequencies.frequencies[..., k].T, shading="nearest")
+        figure.colorbar(mesh, ax=axes, label="Hz")
+        axes.set(title=f"f{k + 1}", xlabel=_axis_label(first), ylabel=_axis_label(second))
         if COORDINATE_UNITS[first] == COORDINATE_UNITS[second]:
             axes.set_aspect("equal")
     figure.suptitle(f"Natural frequencies of {name}")
     figure.savefig(path, dpi=110)
 
 
-def mode_html(name, title, rests, moves, segments):
-    """The HTML of a mode that swings.
+def mode_html(
+    name: str, title: str, positions: Array, displacements: Array, segments: Iterable[tuple[int, int]]
+) -> str:
+    """Draw a mode as an animation in HTML.
 
-    rests, moves: (nodes, 3) [m] where the nodes are and how they move, to any scale; segments: pairs of nodes.
+    positions: (nodes, 3) [m] at rest; displacements: (nodes, 3) of the mode, to any scale; segments: pairs of nodes.
     """
     go = import_plotly()
-    size, largest = np.ptp(rests, axis=0).max(), np.abs(moves).max()
-    moves = moves * (DEFLECTION * size / largest if largest > 0 else 0.0)
-    ends = np.array([[a, b, -1] for a, b in segments]).ravel()
+    size = np.ptp(positions, axis=0).max()
+    largest = np.abs(displacements).max()
+    displacements = displacements * (DEFLECTION * size / largest if largest > 0 else 0.0)
+    indices = np.array([[start, end, -1] for start, end in segments]).ravel()  # -1: a gap between two segments
 
-    def drawn(share, colour, width):
-        points = np.vstack([rests + share * moves, np.full(3, np.nan)])[ends]  # nan: between two segments
+    def draw_line(phase: float, colour: str, width: int) -> Any:
+        points = np.vstack([positions + phase * displacements, np.full(3, np.nan)])[indices]
         x, y, z = (values.round(6) for values in points.T)
         return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, hoverinfo="skip")
 
-    swing = [drawn(np.sin(2 * np.pi * k / FRAMES), "#1f6fb4", 6) for k in range(FRAMES)]
+    lines = [draw_line(float(np.sin(2 * np.pi * k / FRAMES)), MODE_COLOUR, 6) for k in range(FRAMES)]
     figure = go.Figure(
-        data=[drawn(0.0, "#c0c4c8", 3), swing[FRAMES // 4]],
-        frames=[go.Frame(data=[line], traces=[1], name=str(k)) for k, line in enumerate(swing)],
+        data=[draw_line(0.0, REST_COLOUR, 3), lines[FRAMES // 4]],
+        frames=[go.Frame(data=[line], traces=[1], name=str(k)) for k, line in enumerate(lines)],
     )
-    playing = {"frame": {"duration": 50, "redraw": True}, "mode": "immediate", "fromcurrent": True}
-    paused = {"frame": {"duration": 0}, "mode": "immediate"}
-    reach = [rests.min(axis=0) - 1.2 * DEFLECTION * size, rests.max(axis=0) + 1.2 * DEFLECTION * size]
-    sides = {
-        f"{axis}axis": {"range": [reach[0][k], reach[1][k]], "title": f"{axis} [m]"} for k, axis in enumerate("xyz")
-    }
+    margin = 1.2 * DEFLECTION * size
+    lower = positions.min(axis=0) - margin
+    upper = positions.max(axis=0) + margin
+    axes = {f"{axis}axis": {"range": [lower[k], upper[k]], "title": f"{axis} [m]"} for k, axis in enumerate("xyz")}
     figure.update_layout(
-        title=f"{escape(name)}: {escape(title)}", showlegend=False, template="plotly_white", width=900, height=760,
-        scene={**sides, "aspectmode": "data"},
-        updatemenus=[{"type": "buttons", "buttons": [
-            {"label": "play", "method": "animate", "args": [None, playing]},
-            {"label": "pause", "method": "animate", "args": [[None], paused]},
-        ]}],
-    )  # fmt: skip
+        title=f"{escape(name)}: {escape(title)}",
+        showlegend=False,
+        template="plotly_white",
+        width=900,
+        height=760,
+        scene={**axes, "aspectmode": "data"},
+        updatemenus=[{"type": "buttons", "buttons": _animation_buttons()}],
+    )
     return _page(figure, f"{name}: {title}")
+
+
+def _animation_buttons() -> list[dict[str, object]]:
+    play = {"frame": {"duration": 50, "redraw": True}, "mode": "immediate", "fromcurrent": True}
+    pause = {"frame": {"duration": 0}, "mode": "immediate"}
+    return [
+        {"label": "play", "method": "animate", "args": [None, play]},
+        {"label": "pause", "method": "animate", "args": [[None], pause]},
+    ]
+
+
+def _axis_label(coordinate: str) -> str:
+    return f"{coordinate} [{COORDINATE_UNITS[coordinate]}]"
+
+
+def _page(figure: Any, title: str) -> str:
+    """Return the HTML page of a plotly figure, with a title of the page."""
+    text: str = figure.to_html(include_plotlyjs=True, full_html=True, config={"displaylogo": False})
+    return text.replace("<head>", f"<head><title>{escape(title)}</title>", 1)

@@ -1,11 +1,14 @@
-"""Write a model of a robot as straight-line code: C99 for a controller, or Python to read.
+"""Generate a model of a robot as straight-line code: C99 for a controller, or Python to read.
 
-The code needs nothing but <math.h> or `math`, allocates nothing and keeps no state. inverse, direct, inertia_matrix,
-gravity, coriolis, bias (gravity and Coriolis together), regressor, pose (of --frame). What each takes and gives stands
-at the top of the file. Code of two robots in one program needs two prefixes.
+The code needs only <math.h> or `math`, allocates no memory and keeps no state. The models are inverse, direct,
+inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), regressor, and pose (of --frame). The top of
+the file describes the inputs and outputs. Two robots in one program need two prefixes.
 """
 
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
@@ -13,63 +16,78 @@ from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
 from robot_dynamics.codegen.jit.compiled_models import MODELS, available_models
 from robot_dynamics.codegen.trace.models import pose_model
+from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.robot import Robot
 
 NAME = "generate"
+MODELS_WITH_WRENCHES = ("inverse", "direct")
+
+NamedVectors: TypeAlias = tuple[tuple[str, Sequence[str]], ...]
+"""Sentences about vectors, each with the names of the entries."""
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of the verb."""
     add_robot_arguments(parser)
     parser.add_argument("--model", choices=(*MODELS, "pose"), default="inverse", help="default: inverse")
     parser.add_argument("--lang", choices=("c", "python"), default="c", help="default: c")
-    parser.add_argument("--output", metavar="DIR", default=".", help="folder to write into; default: here")
-    parser.add_argument("--prefix", default="", help="in front of the names of functions and files, such as left_")
-    parser.add_argument("--frame", help="the frame of --model pose")
+    parser.add_argument("--output", metavar="DIR", default=".", help="output folder (default: the current folder)")
+    parser.add_argument("--prefix", default="", help="prefix of the names of functions and files, such as left_")
+    parser.add_argument("--frame", help="frame of --model pose")
     parser.add_argument(
-        "--wrench", metavar="LINK", action="append", default=[],
-        help="take the external wrench on this link as an argument, in its own frame (inverse, direct); any number",
-    )  # fmt: skip
+        "--wrench",
+        metavar="LINK",
+        action="append",
+        default=[],
+        help="add an argument for the external wrench on this link, in its own frame (inverse, direct); repeat for "
+        "several links",
+    )
 
 
-def run(arguments):
+def run(arguments: Namespace) -> None:
+    """Write the code of the model."""
     robot = load_robot_argument(arguments)
-    program = _program(arguments, robot)
-    names, others = _joints(arguments, robot)
+    program = _build_program(arguments, robot)
+    joint_names, named_vectors = _entry_names(arguments.model, robot)
+    file_name = c_name(program, arguments.prefix)
     if arguments.lang == "c":
-        header, source = c_source(program, arguments.prefix, names, others)
-        texts = {f"{c_name(program, arguments.prefix)}.h": header, f"{c_name(program, arguments.prefix)}.c": source}
+        header, source = c_source(program, arguments.prefix, joint_names, named_vectors)
+        texts = {f"{file_name}.h": header, f"{file_name}.c": source}
     else:
-        texts = {f"{c_name(program, arguments.prefix)}.py": python_source(program, names, others)}
+        texts = {f"{file_name}.py": python_source(program, joint_names, named_vectors)}
     for name, text in texts.items():
         path = Path(arguments.output) / name
         write_text(path, text)
         print(f"{path}: {program.name} of {robot.name!r}, {program.operations}")
 
 
-def _joints(arguments, robot):
-    """The names of the joints of joint vectors, and (sentence, names) of vectors that have other ones."""
+def _entry_names(model: str, robot: Robot) -> tuple[Sequence[str], NamedVectors]:
+    """Return the joint names of joint vectors, and sentences with the names of vectors with other entries."""
     dynamics = Dynamics(robot)
     if not robot.loops:
         return dynamics.joint_names, ()
-    if arguments.model == "closure":
-        leading = tuple(joint.name for joint in robot.joints if joint.mimic is None)
-        placed = tuple(name for name in leading if name in dynamics.dependent_joint_names)
-        return (), (("Joints of q, by the place of their entry", leading), ("Joints of step", placed))
+    if model == "closure":
+        variables = tuple(joint.name for joint in robot.joints if joint.mimic is None)
+        dependent = tuple(name for name in variables if name in dynamics.dependent_joint_names)
+        return (), (("Joints of q, by the place of their entry", variables), ("Joints of step", dependent))
     return dynamics.joint_names, (("q has all joints, at positions that close the loops", dynamics.all_joint_names),)
 
 
-def _program(arguments, robot):
-    if arguments.model == "pose":
+def _build_program(arguments: Namespace, robot: Robot) -> Program:
+    """Trace the model. Raises DescriptionError if the options do not fit it."""
+    model = arguments.model
+    if model == "pose":
         if arguments.frame is None:
-            raise DescriptionError("--model pose needs --frame, the name of a frame of the robot")
+            raise DescriptionError("--model pose needs --frame with the name of a frame of the robot")
         robot.frame(arguments.frame)
         return pose_model(robot, arguments.frame)
-    if arguments.wrench and arguments.model not in ("inverse", "direct"):
-        raise DescriptionError(f"--wrench has a meaning for inverse and direct, not for {arguments.model}")
+    if arguments.wrench and model not in MODELS_WITH_WRENCHES:
+        raise DescriptionError(f"--wrench applies to the models inverse and direct, not to {model}")
     for link in arguments.wrench:
         robot.frame(link)
-    if arguments.model not in available_models(robot):
-        raise DescriptionError(f"{robot.name!r} has no loops: it has the models {', '.join(available_models(robot))}")
-    options = {"wrenches": arguments.wrench} if arguments.model in ("inverse", "direct") else {}
-    return MODELS[arguments.model](robot, **options)
+    if model not in available_models(robot):
+        raise DescriptionError(f"{robot.name!r} has no loops: its models are {', '.join(available_models(robot))}")
+    options = {"wrenches": arguments.wrench} if model in MODELS_WITH_WRENCHES else {}
+    return MODELS[model](robot, **options)

@@ -1,17 +1,19 @@
-"""robot-dynamics VERB ...: reads the command line and hands it to a verb."""
+"""The command `robot-dynamics VERB ...`: parses the command line and runs a verb."""
 
 import argparse
 import logging
 import os
 import sys
+from collections.abc import Sequence
+from types import ModuleType
 
 from robot_dynamics.errors import INTERRUPTED_EXIT_STATUS, RobotDynamicsError
 from robot_dynamics.optional_packages import missing_package_error
 from robot_dynamics.version import package_version
 
 
-def verb_modules():
-    """The modules of the verbs. Raises MissingPackageError where a package that all need is not installed."""
+def verb_modules() -> tuple[ModuleType, ...]:
+    """Import the modules of the verbs. Raises MissingPackageError if a package that all need is not installed."""
     try:
         from robot_dynamics.cli import (
             convert,
@@ -31,55 +33,78 @@ def verb_modules():
     return show, convert, generate, count, map, frequencies, replay_check, identify, excite, robots, schema
 
 
-def main(arguments=None):
-    """Run the command; returns its exit status: 0, 1 where it was refused, with the reason on stderr, 130
-    where the user interrupted it, or what the verb says."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit status.
+
+    The status is 0 after success, 1 after an error (with the reason on stderr), 130 after an interruption by the user,
+    or the status that the verb returns.
+    """
+    try:
+        parser = build_parser(verb_modules())
+    except RobotDynamicsError as error:
+        print(error, file=sys.stderr)
+        return 1
+    parsed = parser.parse_args(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # the encoding of the terminal may lack characters
+    logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs print warnings themselves
+    logging.getLogger("robot_dynamics.model.formats").setLevel(logging.WARNING)  # except those of the parsers
+    return run_verb(parsed)
+
+
+def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
+    """Build the parser of the command line, with one subparser per verb."""
     parser = argparse.ArgumentParser(
         prog="robot-dynamics", description="Descriptions of robots and their dynamics, from the command line."
     )
     parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    try:
-        modules = verb_modules()
-    except RobotDynamicsError as error:
-        print(error, file=sys.stderr)
-        return 1
-    from robot_dynamics.cli.output_files import refuse_overwriting
-
     for verb in modules:
-        summary = verb.__doc__.splitlines()[0]
-        verb_parser = verbs.add_parser(verb.NAME, help=summary, description=verb.__doc__,
-                                       formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+        description = verb.__doc__ or ""
+        verb_parser = verbs.add_parser(
+            verb.NAME,
+            help=description.splitlines()[0],
+            description=description,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
         verb.add_arguments(verb_parser)
         verb_parser.set_defaults(run=verb.run)
-    parsed = parser.parse_args(arguments)
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="backslashreplace")  # a terminal without some character shows the others
-    logging.basicConfig(format="%(levelname)s: %(message)s", level=logging.ERROR)  # verbs tell warnings themselves
-    logging.getLogger("robot_dynamics.model.formats").setLevel(logging.WARNING)  # but what was left out of a text
+    return parser
+
+
+def run_verb(parsed: argparse.Namespace) -> int:
+    """Run the verb of parsed arguments, print its errors to stderr, and return the exit status."""
+    from robot_dynamics.cli.output_files import refuse_overwriting
+
+    prefix = f"robot-dynamics {parsed.verb}"
     try:
         refuse_overwriting(parsed)
         status = parsed.run(parsed)
         sys.stdout.flush()
     except RobotDynamicsError as error:
-        print(f"robot-dynamics {parsed.verb}: {error}", file=sys.stderr)
+        print(f"{prefix}: {error}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
-        print(missing_package_error(error, f"robot-dynamics {parsed.verb}"), file=sys.stderr)
+        print(missing_package_error(error, prefix), file=sys.stderr)
         return 1
-    except BrokenPipeError:  # the reader of our output, a pager or head, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader of stdout, such as a pager or head, has closed the pipe
+        _discard_stdout()
         return 1
     except KeyboardInterrupt:
-        print(f"robot-dynamics {parsed.verb}: interrupted", file=sys.stderr)
+        print(f"{prefix}: interrupted", file=sys.stderr)
         return INTERRUPTED_EXIT_STATUS
-    except OSError as error:  # a full disk behind a redirection
-        where = "" if error.filename is None else f"{error.filename}: "
-        print(f"robot-dynamics {parsed.verb}: {where}{error.strerror}", file=sys.stderr)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:  # such as a full disk behind a redirection
+        file = "" if error.filename is None else f"{error.filename}: "
+        print(f"{prefix}: {file}{error.strerror}", file=sys.stderr)
+        _discard_stdout()
         return 1
     return status or 0
+
+
+def _discard_stdout() -> None:
+    """Redirect stdout to the null device, so that flushing it at exit does not fail."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

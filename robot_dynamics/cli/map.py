@@ -1,111 +1,147 @@
-"""Map what a platform can do over a grid of its poses: where it can be, how well the motors hold it, what it takes.
+"""Map the workspace of a platform over a grid of poses: reach, condition number and efforts.
 
-One or two coordinates of the platform vary, the others stay. A pose is in reach where all legs close with the motors
-within their limits. The condition number is that between motors and platform, angles counted by the size of the robot:
-the larger, the worse the motors hold it, and where it is too large the pose counts as singular. Efforts hold the
-platform at rest, or give it --acceleration.
+One or two coordinates of the platform vary, the others are fixed. A pose is in reach if all legs close with the motors
+within their limits. The condition number is that of the map from motor to platform velocities, with angles scaled by
+the size of the robot: the larger it is, the worse the motors hold the platform. Poses with a very large condition
+number count as singular. The efforts hold the platform at rest, or give it --acceleration.
 """
 
+from __future__ import annotations
+
 import csv
+from argparse import ArgumentParser, Namespace
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.cli.output_files import check_writable, output_file
+from robot_dynamics.array_types import Array
+from robot_dynamics.cli.output_files import check_ending, check_writable, output_file
 from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
 from robot_dynamics.cli.progress import progress_bar
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS, pose_map
 
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.parallel.pose_map import PoseMap
+
 NAME = "map"
-IMAGE_SUFFIXES = (".png", ".pdf", ".svg", ".jpg")
+IMAGE_ENDINGS = (".png", ".pdf", ".svg", ".jpg")
 
 
-def add_arguments(parser):
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add the arguments of the verb."""
     add_robot_arguments(parser)
-    parser.add_argument("--over", required=True, metavar="NAME:FROM:TO:COUNT[,...]",
-                        help="one or two of x, y, z [m], yaw, pitch, roll [rad]: x:-0.1:0.1:41,z:1:2:41")  # fmt: skip
-    parser.add_argument("--at", default="", metavar="NAME=VALUE[,...]",
-                        help="where other coordinates stay (default: where the robot begins)")  # fmt: skip
-    parser.add_argument("--acceleration", type=float, nargs=6, metavar="A",
-                        help="of the platform, in its own frame: x y z [m/s²], about x y z [rad/s²]")  # fmt: skip
-    parser.add_argument("--output", metavar="FILE", default="map.png",
-                        help=f"the picture: {', '.join(IMAGE_SUFFIXES)} (default: %(default)s)")  # fmt: skip
-    parser.add_argument("--csv", metavar="FILE", help="a table of all poses beside it")
-
-
-def run(told):
-    axes, at = parse_grid("--over", told.over), parse_assignments("--at", told.at)
-    if Path(told.output).suffix.lower() not in IMAGE_SUFFIXES:
-        raise InvalidInputError(f"--output {told.output}: a picture is one of {', '.join(IMAGE_SUFFIXES)}")
-    for path in filter(None, (told.output, told.csv)):
-        check_writable(path)
-    dynamics = Dynamics(load_robot_argument(told))
-    dynamics.platform  # noqa: B018 (refused before anything is computed or drawn where there is none)
-    found = _computed(dynamics, axes, at, told.acceleration)
-    print("\n".join(_summary(found, dynamics.robot)))
-    from robot_dynamics.cli.map_plot import draw_pose_map  # takes half a second, which other verbs need not wait
-
-    with output_file(told.output):
-        draw_pose_map(told.output, found, dynamics.robot, told.acceleration)
-    if told.csv:
-        with output_file(told.csv):
-            _write(told.csv, found, dynamics.robot)
-    print(f"picture: {told.output}" + (f", table: {told.csv}" if told.csv else ""))
-
-
-def _computed(dynamics, axes, at, acceleration):
-    """The PoseMap, with a bar on a terminal that tells how far it is."""
-    poses = int(np.prod([len(values) for values in axes.values()]))
-    with progress_bar(poses, dynamics.robot.name, " poses") as progress:
-        return pose_map(dynamics, axes, at, acceleration, lambda share: progress(round(share * poses)))
-
-
-def _summary(found, robot):
-    """What there is to say in some lines."""
-    yield f"{robot.name}: {found.within_limits.sum()} of {found.within_limits.size} poses are in reach"
-    beyond, singular = (
-        (found.reachable & ~found.within_limits).sum(),
-        (found.within_limits & ~found.is_nonsingular).sum(),
+    parser.add_argument(
+        "--over",
+        required=True,
+        metavar="NAME:FROM:TO:COUNT[,...]",
+        help="grid over one or two of x, y, z [m], yaw, pitch, roll [rad]: x:-0.1:0.1:41,z:1:2:41",
     )
-    if beyond:
-        yield f"  at {beyond} more the legs close, but with motors beyond their limits"
-    if singular:
-        yield f"  at {singular} of them the motors do not hold the platform (singular)"
-    if found.is_nonsingular.any():
-        held = found.condition_number[found.is_nonsingular]
-        yield f"  condition number {held.min():.4g} to {held.max():.4g}"
-        yield "  largest efforts: " + ", ".join(
-            f"{name} {np.nanmax(np.abs(found.efforts[..., k])):.4g} {unit}"
-            for k, (name, unit) in enumerate(zip(found.joint_names, effort_units(found, robot), strict=True))
+    parser.add_argument(
+        "--at",
+        default="",
+        metavar="NAME=VALUE[,...]",
+        help="values of the other coordinates (default: those of the initial pose)",
+    )
+    parser.add_argument(
+        "--acceleration",
+        type=float,
+        nargs=6,
+        metavar="A",
+        help="acceleration of the platform in its own frame: x y z [m/s²], about x y z [rad/s²]",
+    )
+    parser.add_argument(
+        "--output",
+        metavar="FILE",
+        default="map.png",
+        help=f"output file of the picture: {', '.join(IMAGE_ENDINGS)} (default: %(default)s)",
+    )
+    parser.add_argument("--csv", metavar="FILE", help="output file of a table of all poses")
+
+
+def run(arguments: Namespace) -> None:
+    """Compute the map, print a summary, and write the picture and the table."""
+    axes = parse_grid("--over", arguments.over)
+    fixed_coordinates = parse_assignments("--at", arguments.at)
+    check_ending(arguments.output, IMAGE_ENDINGS, "--output")
+    for path in filter(None, (arguments.output, arguments.csv)):
+        check_writable(path)
+    dynamics = Dynamics(load_robot_argument(arguments))
+    dynamics.platform  # noqa: B018 (raises before the computation if the robot has no platform)
+    result = _compute_map(dynamics, axes, fixed_coordinates, arguments.acceleration)
+    print("\n".join(_summary(result, dynamics.robot)))
+    from robot_dynamics.cli.map_plot import draw_pose_map  # here, because it takes half a second to import
+
+    with output_file(arguments.output):
+        draw_pose_map(arguments.output, result, dynamics.robot, arguments.acceleration)
+    if arguments.csv:
+        with output_file(arguments.csv) as file:
+            _write_table(file, result, dynamics.robot)
+    print(f"picture: {arguments.output}" + (f", table: {arguments.csv}" if arguments.csv else ""))
+
+
+def _compute_map(
+    dynamics: Dynamics,
+    axes: Mapping[str, Array],
+    fixed_coordinates: Mapping[str, float],
+    acceleration: Sequence[float] | None,
+) -> PoseMap:
+    """Compute the map with a progress bar."""
+    poses = int(np.prod([len(values) for values in axes.values()]))
+    with progress_bar(poses, dynamics.robot.name, " poses") as show_progress:
+        return pose_map(
+            dynamics, axes, fixed_coordinates, acceleration, lambda share: show_progress(round(share * poses))
         )
 
 
-def effort_units(found, robot):
-    """The unit of the effort of each motor."""
-    return ["N" if robot.joints[robot.joint_numbers[name]].prismatic else "N m" for name in found.joint_names]
+def _summary(result: PoseMap, robot: Robot) -> Iterator[str]:
+    """Yield the lines of the summary."""
+    yield f"{robot.name}: {result.within_limits.sum()} of {result.within_limits.size} poses are in reach"
+    beyond_limits = (result.reachable & ~result.within_limits).sum()
+    if beyond_limits:
+        yield f"  {beyond_limits} more: the legs close, but motors are beyond their limits"
+    singular = (result.within_limits & ~result.is_nonsingular).sum()
+    if singular:
+        yield f"  {singular} of those in reach: the motors do not hold the platform (singular)"
+    if result.is_nonsingular.any():
+        condition_numbers = result.condition_number[result.is_nonsingular]
+        yield f"  condition number {condition_numbers.min():.4g} to {condition_numbers.max():.4g}"
+        units = effort_units(result, robot)
+        efforts = [
+            f"{name} {np.nanmax(np.abs(result.efforts[..., k])):.4g} {unit}"
+            for k, (name, unit) in enumerate(zip(result.joint_names, units, strict=True))
+        ]
+        yield f"  largest efforts: {', '.join(efforts)}"
 
 
-def _write(path, found, robot):
-    """A row for each pose; what has no meaning there is left empty."""
-    units = effort_units(found, robot)
-    head = [
-        *(f"{name} [{COORDINATE_UNITS[name]}]" for name in found.axes),
-        "legs close",
-        "in reach",
-        "condition number",
-    ]
-    head += [f"position {name} [{'m' if unit == 'N' else 'rad'}]"
-             for name, unit in zip(found.joint_names, units, strict=True)]  # fmt: skip
-    head += [f"effort {name} [{unit}]" for name, unit in zip(found.joint_names, units, strict=True)]
-    with Path(path).open("w", newline="", encoding="utf-8") as file:
+def effort_units(result: PoseMap, robot: Robot) -> list[str]:
+    """Return the unit of the effort of each motor."""
+    return ["N" if robot.joints[robot.joint_numbers[name]].prismatic else "N m" for name in result.joint_names]
+
+
+def _write_table(path: Path, result: PoseMap, robot: Robot) -> None:
+    """Write one row for each pose; undefined values are empty."""
+    units = effort_units(result, robot)
+    header = [f"{name} [{COORDINATE_UNITS[name]}]" for name in result.axes]
+    header += ["legs close", "in reach", "condition number"]
+    for name, unit in zip(result.joint_names, units, strict=True):
+        header.append(f"position {name} [{'m' if unit == 'N' else 'rad'}]")
+    for name, unit in zip(result.joint_names, units, strict=True):
+        header.append(f"effort {name} [{unit}]")
+    axes = [np.asarray(values, dtype=float) for values in result.axes.values()]
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(head)
-        for place in np.ndindex(found.within_limits.shape):
-            pose = [values[k] for values, k in zip(found.axes.values(), place, strict=True)]
-            told = [*pose, found.condition_number[place], *found.positions[place], *found.efforts[place]]
-            told = ["" if np.isnan(value) else repr(float(value)) for value in told]
-            state = [int(found.reachable[place]), int(found.within_limits[place])]
-            writer.writerow([*told[: len(pose)], *state, *told[len(pose) :]])
+        writer.writerow(header)
+        for index in np.ndindex(result.within_limits.shape):
+            pose = [coordinates[k] for coordinates, k in zip(axes, index, strict=True)]
+            states = [int(result.reachable[index]), int(result.within_limits[index])]
+            values = [result.condition_number[index], *result.positions[index], *result.efforts[index]]
+            writer.writerow([*map(_format_value, pose), *states, *map(_format_value, values)])
+
+
+def _format_value(value: float) -> str:
+    return "" if np.isnan(value) else repr(float(value))

@@ -1,85 +1,93 @@
-"""Files that verbs write."""
+"""Files that verbs write: their endings, their folders, and the protection of input files."""
 
+from argparse import Namespace
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from robot_dynamics.errors import DescriptionError, RobotDynamicsError
+from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.model.loading import shipped_robots
 
-INPUT_ARGUMENTS = (
-    "recordings",
-    "validate",
-    "robot",
-    "values",
-    "drives",
-    "tolerances",
-    "golden",
-)  # arguments of all verbs
+# Arguments of all verbs that name input and output files.
+INPUT_ARGUMENTS = ("recordings", "validate", "robot", "values", "drives", "tolerances", "golden")
 OUTPUT_ARGUMENTS = ("target", "output", "output_drives", "json", "report", "csv", "write_golden")
-RECORDING_SUFFIXES = (".mcap", ".db3", ".csv", ".yaml")  # endings of files in the folder of a recording
-YAML_SUFFIXES = (".yaml", ".yml")
+RECORDING_SUFFIXES = (".mcap", ".db3", ".csv", ".yaml")  # endings of the files in the folder of a recording
+YAML_ENDINGS = (".yaml", ".yml")
+YAML_HINT = "The verb convert converts a robot in YAML to a URDF or a .par"
+
+
+def check_ending(path: str | Path, endings: Iterable[str], option: str = "", hint: str = "") -> str:
+    """Check that an output path has one of the allowed endings, and return its ending in lower case.
+
+    option: option that gives the path, empty for a positional argument; hint: sentence for the end of the message.
+    Raises InvalidInputError.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in endings:
+        *others, last = endings
+        allowed = f"{', '.join(others)} or {last}" if others else last
+        label = f"{option} {path}".strip()
+        message = f"{label}: the path of the output file must end with {allowed}"
+        raise InvalidInputError(f"{message}. {hint}" if hint else message)
+    return ending
 
 
 @contextmanager
-def output_file(path):
-    """Yields the Path of a file for the block to write, its folder made where it is not there. Raises
-    RobotDynamicsError where the system refuses one of the two."""
+def output_file(path: str | Path) -> Iterator[Path]:
+    """Yield the path of a file to write in the block, after creating its folder.
+
+    Raises RobotDynamicsError if the folder or the file cannot be written.
+    """
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield path
-    except (OSError, ValueError) as error:  # the latter of names that no file can have
+    except (OSError, ValueError) as error:  # ValueError: the name contains a null character
         reason = getattr(error, "strerror", None) or error
         raise RobotDynamicsError(f"{str(path)[:200]} cannot be written: {reason}") from None
 
 
-def write_text(path, text):
-    """Write a text into the file at a path. Raises RobotDynamicsError."""
+def write_text(path: str | Path, text: str) -> None:
+    """Write a text to a file. Raises RobotDynamicsError."""
     with output_file(path) as file:
         file.write_text(text, encoding="utf-8")
 
 
-def check_writable(path):
-    """Refuse a file that cannot be written before hours are spent on what goes into it. Raises RobotDynamicsError."""
+def check_writable(path: str | Path) -> None:
+    """Check before a long computation that its result can be written. Raises RobotDynamicsError."""
     with output_file(path) as file, file.open("ab"):
         pass
     if not file.stat().st_size:
         file.unlink()
 
 
-def refuse_overwriting(arguments):
-    """Refuse parsed arguments by which a verb would write over what it reads. Raises RobotDynamicsError."""
+def refuse_overwriting(arguments: Namespace) -> None:
+    """Raise RobotDynamicsError if the verb would overwrite one of its input files."""
     shipped = shipped_robots()
-    read = [Path(shipped.get(str(name), name)) for name in _paths(arguments, INPUT_ARGUMENTS)]
-    for output in map(Path, _paths(arguments, OUTPUT_ARGUMENTS)):
+    inputs = [Path(shipped.get(str(name), name)) for name in _argument_paths(arguments, INPUT_ARGUMENTS)]
+    files = [file for path in inputs for file in _input_files(path)]
+    for output in map(Path, _argument_paths(arguments, OUTPUT_ARGUMENTS)):
         try:
-            if output.exists() and any(output.samefile(file) for path in read for file in _files(path)):
-                raise RobotDynamicsError(f"{output} is what was read: write to another file")
-        except (OSError, ValueError):  # a name that no file can have: writing says so
-            pass
+            overwrites = output.exists() and any(output.samefile(file) for file in files)
+        except (OSError, ValueError):  # an invalid name: writing the file reports it
+            continue
+        if overwrites:
+            raise RobotDynamicsError(f"{output} is an input file of this command: choose another output path")
 
 
-def check_yaml_suffix(option, path):
-    """Refuse a path (None: there is none) at which a YAML would be taken for something else. Raises
-    DescriptionError."""
-    if path is not None and Path(path).suffix not in YAML_SUFFIXES:
-        raise DescriptionError(f"{option} {path}: YAML is written: a file that ends with {' or '.join(YAML_SUFFIXES)} is "
-                               "needed; `convert` makes a URDF or .par of a robot in YAML")  # fmt: skip
-
-
-def _paths(arguments, names):
-    """Paths, as they were typed, of those arguments that a verb has and that were given."""
+def _argument_paths(arguments: Namespace, names: Iterable[str]) -> Iterator[str | Path]:
+    """Yield the paths of those arguments that the verb has and the user has set."""
     for name in names:
         value = getattr(arguments, name, None) or ()
         yield from (value,) if isinstance(value, str | Path) else value
 
 
-def _files(path):
-    """The files that are read of a path: itself, and those of the folder of a recording."""
+def _input_files(path: Path) -> Iterator[Path]:
+    """Yield the files that are read from an input path: the file, or the files in the folder of a recording."""
     try:
         if path.is_dir():
             yield from (file for file in path.iterdir() if file.suffix in RECORDING_SUFFIXES)
         elif path.exists():
             yield path
-    except (OSError, ValueError):  # reading says what is wrong with it
+    except (OSError, ValueError):  # reading the file reports the error
         return

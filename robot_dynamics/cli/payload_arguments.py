@@ -1,61 +1,80 @@
-"""Payloads of known mass that robots carried in some recordings, by which gains of drives are found."""
+"""Arguments for payloads of known mass, which the identification of drive gains needs."""
 
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import RecordingError
+
+if TYPE_CHECKING:
+    from robot_dynamics.identification.drive_gains import Payload
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.recordings.recording import Recording
 
 EXAMPLE = "such as --known-payload loaded.mcap=tool0:2.5"
 
 
-def add_gain_arguments(parser):
-    parser.add_argument("--gains", action="store_true",
-                        help="find gains of drives too, by recordings with --known-payload and without")  # fmt: skip
-    parser.add_argument("--known-payload", action="append", default=[], metavar="RECORDING=LINK:MASS",
-                        help="what the robot carries on a link in one of the recordings [kg]; its centre and inertia "
-                        "need not be known; several times for several")  # fmt: skip
+def add_gain_arguments(parser: ArgumentParser) -> None:
+    """Add the options of the identification of drive gains."""
+    parser.add_argument(
+        "--gains",
+        action="store_true",
+        help="identify drive gains too, from recordings with and without --known-payload",
+    )
+    parser.add_argument(
+        "--known-payload",
+        action="append",
+        default=[],
+        metavar="RECORDING=LINK:MASS",
+        help="payload [kg] on a link in one of the recordings; its centre of mass and inertia need not be known; "
+        "repeat for several recordings",
+    )
 
 
-def parse_known_payloads(arguments, robot, recordings):
-    """{name of a recording: Payload} of parsed arguments and opened recordings, those to be fitted first.
+def parse_known_payloads(arguments: Namespace, robot: Robot, recordings: Sequence[Recording]) -> dict[str, Payload]:
+    """Parse the known payloads by the name of their recording.
 
-    Raises RecordingError, also where nothing tells the gains that are asked for.
+    recordings: opened recordings, those to be fitted first. Raises RecordingError, also if --gains has no payload to
+    identify the gains with.
     """
     if arguments.known_payload and not arguments.gains:
-        raise RecordingError("--known-payload is what --gains are found by: give both")
+        raise RecordingError("--known-payload is used only with --gains: add --gains")
     if arguments.gains and not arguments.known_payload:
         raise RecordingError(
-            "--gains: robots with twice the masses and twice the gains measure the same. Record one part of the runs "
-            f"with a payload of known mass, and say so, {EXAMPLE}"
+            "--gains: a robot with twice the masses and twice the gains gives the same measurements. Record some of "
+            f"the runs with a payload of known mass, and give it with --known-payload, {EXAMPLE}"
         )
-    by_path = {recording.source.path.resolve(): recording.name for recording in recordings}
+    names = {recording.source.path.resolve(): recording.name for recording in recordings}
     fitted = {recording.name for recording in recordings[: len(arguments.recordings)]}
-    loads = {}
+    payloads: dict[str, Payload] = {}
     for text in arguments.known_payload:
-        path, payload = _parsed(text)
-        name = by_path.get(Path(path).resolve())
+        path, payload = _parse_payload(text)
+        name = names.get(Path(path).resolve())
         if name is None:
-            raise RecordingError(f"--known-payload {text}: {path} is none of the recordings")
-        if name in loads:
+            raise RecordingError(f"--known-payload {text}: {path} is not one of the recordings")
+        if name in payloads:
             raise RecordingError(f"--known-payload {text}: {path} has a payload already")
         if robot.frame(payload.link).link == 0:
             raise RecordingError(f"--known-payload {text}: {payload.link} is fixed to the base: no joint carries it")
-        loads[name] = payload
-    missing = set(loads.values()) - {payload for name, payload in loads.items() if name in fitted}
-    for payload in missing:
+        payloads[name] = payload
+    for payload in set(payloads.values()) - {payload for name, payload in payloads.items() if name in fitted}:
         raise RecordingError(f"--known-payload {payload.link}:{payload.mass:g} is in no recording that is fitted")
-    return loads
+    return payloads
 
 
-def _parsed(text):
-    """(path, Payload) of RECORDING=LINK:MASS."""
+def _parse_payload(text: str) -> tuple[str, Payload]:
+    """Parse the path and the payload of RECORDING=LINK:MASS."""
     from robot_dynamics.identification.drive_gains import Payload
 
     path, _, load = text.rpartition("=")
-    link, _, mass = load.rpartition(":")
+    link, _, mass_text = load.rpartition(":")
     try:
-        payload = Payload(link, float(mass))
+        mass = float(mass_text)
     except ValueError:
-        payload = None
-    if payload is None or not path or not link or not 0 < payload.mass < float("inf"):
+        mass = 0.0
+    if not path or not link or not 0 < mass < float("inf"):
         raise RecordingError(f"--known-payload {text}: RECORDING=LINK:MASS is needed, {EXAMPLE}")
-    return path, payload
+    return path, Payload(link, mass)

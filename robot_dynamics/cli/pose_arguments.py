@@ -1,58 +1,71 @@
-"""Coordinates of platforms and positions of joints as verbs take them: NAME=VALUE,... and NAME:FROM:TO:COUNT,..."""
+"""Coordinates and joint positions on the command line: NAME=VALUE,... and NAME:FROM:TO:COUNT,..."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.model.platform import COORDINATES
 
 MAX_GRID_POINTS = 2000  # values of one coordinate
 PLATFORM_COORDINATE = "coordinate of a platform"
+COUNT_WORDS = {1: "one", 2: "two"}
 
 
-def parse_assignments(option, text, known=COORDINATES, kind=PLATFORM_COORDINATE):
-    """{name: value} of `z=0.8,roll=0.1`; names are among those that are known. Raises QuestionError."""
+def parse_assignments(
+    option: str, text: str | None, names: Sequence[str] = COORDINATES, kind: str = PLATFORM_COORDINATE
+) -> dict[str, float]:
+    """Parse values by name, such as `z=0.8,roll=0.1`.
+
+    names: names that are allowed; kind: term for them in messages. Raises InvalidInputError.
+    """
     values = {}
     for part in filter(None, (text or "").split(",")):
         name, _, value = part.partition("=")
-        number = _number(value)
+        number = _parse_number(value)
         if number is None:
             raise InvalidInputError(
-                f"{option} {part}: NAME=VALUE with a finite number is needed, such as {known[0]}=0.8"
+                f"{option} {part}: NAME=VALUE with a finite number is needed, such as {names[0]}=0.8"
             )
-        values[_known(option, name, known, kind)] = number
+        values[_parse_name(option, name, names, kind)] = number
     return values
 
 
-def parse_grid(option, text, counts=(1, 2)):
-    """{coordinate: values} of `x:-0.1:0.1:41,z:0.7:0.9:41`, as many as `counts` allows. Raises QuestionError."""
-    axes, parts = {}, text.split(",")
+def parse_grid(option: str, text: str, counts: Sequence[int] = (1, 2)) -> dict[str, Array]:
+    """Parse the values of grid coordinates, such as `x:-0.1:0.1:41,z:0.7:0.9:41`.
+
+    counts: allowed numbers of coordinates. Raises InvalidInputError.
+    """
+    axes: dict[str, Array] = {}
+    parts = text.split(",")
     for part in parts:
         name, *numbers = part.split(":")
         if len(numbers) != 3:
             raise InvalidInputError(f"{option} {part}: NAME:FROM:TO:COUNT is needed, such as x:-0.1:0.1:41")
-        first, last = map(_number, numbers[:2])
+        first, last = map(_parse_number, numbers[:2])
         count = int(numbers[2]) if numbers[2].strip().isdecimal() else 0
         if first is None or last is None or first >= last or not 2 <= count <= MAX_GRID_POINTS:
             raise InvalidInputError(
-                f"{option} {part}: a grid goes from a number to a larger one in 2 to {MAX_GRID_POINTS} values, as x:-0.1:0.1:41 "
-                "does"
+                f"{option} {part}: a grid goes from a number to a larger one in 2 to {MAX_GRID_POINTS} values, such as "
+                "x:-0.1:0.1:41"
             )
-        axes[_known(option, name, COORDINATES, PLATFORM_COORDINATE)] = np.linspace(first, last, count)
+        axes[_parse_name(option, name, COORDINATES, PLATFORM_COORDINATE)] = np.linspace(first, last, count)
     if len(parts) not in counts or len(axes) != len(parts):
-        many = " or ".join({1: "one", 2: "two"}[count] for count in counts)
-        raise InvalidInputError(f"{option} {text}: {many} coordinates vary in a map, each once")
+        allowed = " or ".join(COUNT_WORDS[count] for count in counts)
+        raise InvalidInputError(f"{option} {text}: {allowed} coordinates vary in a map, each once")
     return axes
 
 
-def _known(option, name, known, kind):
-    name = name.strip()
-    if name not in known:
-        raise InvalidInputError(f"{option}: {describe_unknown_name(kind, name, known)}")
+def _parse_name(option: str, text: str, names: Sequence[str], kind: str) -> str:
+    name = text.strip()
+    if name not in names:
+        raise InvalidInputError(f"{option}: {describe_unknown_name(kind, name, names)}")
     return name
 
 
-def _number(text):
-    """The finite number that a text is, None where it is none."""
+def _parse_number(text: str) -> float | None:
+    """Parse a finite number; None if the text is not one."""
     try:
         number = float(text)
     except ValueError:

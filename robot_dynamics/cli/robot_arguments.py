@@ -1,56 +1,63 @@
-"""What every verb that takes a robot asks for: which one, and how it is to be read."""
+"""Arguments of the verbs that read a robot description."""
 
+from argparse import ArgumentParser, Namespace
 from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.loading import has_urdf, read_description, read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
+from robot_dynamics.model.robot import Robot
 
-MOVING_BASE_CHOICES = {"fixed": False, "moving": True, None: None}
+MOVING_BASE_CHOICES: dict[str | None, bool | None] = {"fixed": False, "moving": True, None: None}
+MAX_SNAP_ANGLE = 0.1  # [rad]
+ROBOT_HELP = "path of a URDF, an MDH table or a .par, or the name of a robot that ships with the package"
 
 
-def add_robot_arguments(parser):
-    parser.add_argument("robot", help="path of a URDF, MDH table or .par, or the name of a robot that ships")
+def add_robot_arguments(parser: ArgumentParser) -> None:
+    """Add the positional argument `robot` and those of `add_description_arguments`."""
+    parser.add_argument("robot", help=ROBOT_HELP)
     add_description_arguments(parser)
 
 
-def add_description_arguments(parser):
-    """How the description of the robot is to be read."""
+def add_description_arguments(parser: ArgumentParser) -> None:
+    """Add the options for reading a description."""
     parser.add_argument(
-        "--values", metavar="FILE", help="YAML with `name: value` lines, for names that the description leaves open"
+        "--values", metavar="FILE", help="YAML with `name: value` lines for the open parameters of the description"
     )
     parser.add_argument(
-        "--set", metavar="NAME=VALUE", action="append", default=[], help="one such value; comes before --values"
+        "--set", metavar="NAME=VALUE", action="append", default=[], help="one such value; it overrides --values"
     )
-    parser.add_argument("--base", choices=("fixed", "moving"), help="default: as the description says")
+    parser.add_argument("--base", choices=("fixed", "moving"), help="default: as in the description")
     parser.add_argument(
         "--snap",
         type=float,
         metavar="RAD",
-        help="make angles that are this near to a multiple of 15 degrees that multiple (1.5708: pi/2)",
+        help="round angles to a multiple of 15 degrees if they are this near to it (1.5708: pi/2)",
     )
     parser.add_argument(
         "--frames",
         choices=("minimal", "given"),
-        help="those with the fewest numbers (default for a URDF) or those of the description (default for a table)",
+        help="frames with the fewest parameters (default for a URDF) or those of the description (default for a table)",
     )
 
 
-def load_robot_argument(arguments):
-    """The Robot that parsed arguments name, in the frames that they ask for. Raises DescriptionError."""
+def load_robot_argument(arguments: Namespace) -> Robot:
+    """Load the robot of parsed arguments, with its frames as the options require. Raises DescriptionError."""
     text, source = read_description(arguments.robot)
-    robot = read_robot(text, source=source, values=_values(arguments), moving_base=MOVING_BASE_CHOICES[arguments.base])
+    moving_base = MOVING_BASE_CHOICES[arguments.base]
+    robot = read_robot(text, source=source, values=_parameter_values(arguments), moving_base=moving_base)
     if arguments.snap is not None:
-        if not 0 < arguments.snap < 0.1:
-            raise DescriptionError(f"--snap {arguments.snap:g}: an angle between 0 and 0.1 rad is needed")
+        if not 0 < arguments.snap < MAX_SNAP_ANGLE:
+            raise DescriptionError(f"--snap {arguments.snap:g}: an angle between 0 and {MAX_SNAP_ANGLE} rad is needed")
         robot = snap_angles(robot, arguments.snap)
     frames = arguments.frames or ("minimal" if has_urdf(text) else "given")
     return minimal_frames(robot) if frames == "minimal" else robot
 
 
-def _values(arguments):
-    values = {}
+def _parameter_values(arguments: Namespace) -> dict[str, int | float | str]:
+    """Collect the parameter values of --values and --set."""
+    values: dict[str, int | float | str] = {}
     if arguments.values is not None:
         text, source = read_description(Path(arguments.values))
         document = YamlDocument(text, source, "a YAML file of `name: value` lines")

@@ -1,24 +1,27 @@
-"""List the robots that ship."""
+"""List the robots that ship with the package."""
 
 import sys
+from argparse import ArgumentParser, Namespace
 
-from robot_dynamics.cli.text_table import print_table
+from robot_dynamics.cli.text_table import Cell, print_table
 from robot_dynamics.errors import MissingPackageError
 from robot_dynamics.model.loading import load_robot, shipped_robots
 
 NAME = "robots"
 
 
-def add_arguments(parser):
-    pass
+def add_arguments(parser: ArgumentParser) -> None:
+    """Add no arguments."""
 
 
-def run(arguments):
-    rows, missing = [], None
+def run(arguments: Namespace) -> None:
+    """Print the table of robots; robots whose format needs a missing package are listed by name."""
+    rows: list[list[Cell]] = []
+    missing: MissingPackageError | None = None
     for name, path in shipped_robots().items():
         try:
             robot = load_robot(name)
-        except MissingPackageError as error:  # it ships all the same
+        except MissingPackageError as error:
             rows.append([name, None, None, path.name])
             missing = error
         else:

@@ -1,1 +1,1 @@
-"""What measurements tell of a robot: base parameters, and later the values that fit."""
+"""Identification of robot parameters from recordings: base parameters, excitation trajectories, fits."""

@@ -1,34 +1,45 @@
-"""Gains of drives, found together with the parameters of the robot: from currents to efforts.
+"""Identification of drive gains, from currents to efforts, together with the parameters of the robot.
 
-Robots with twice the masses and twice the gains measure the same. So some recordings are made with a payload whose mass
-is known, after Gautier and Briot, "Global identification of drive gains parameters of robots using a known payload"
-(2014). They spread the noise over all columns, by total least squares. It is on what was measured: here residuals are
-those of y_k = (X_k θ + L_k) / γ_k for motor k, with L_k what the known mass demands, in which no column is noisy.
+A robot with twice the masses and twice the gains gives the same measurements. Some recordings are therefore made with a
+payload of known mass, after Gautier and Briot, "Global identification of drive gains parameters of robots using a known
+payload" (2014). Their total least squares spread the noise over all columns. Only the measured signals are noisy, so
+the residuals used here are those of y_k = (X_k θ + L_k) / γ_k for motor k, where L_k are the efforts that the known
+mass requires.
 """
 
-from dataclasses import dataclass, replace
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import least_squares
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.fitting import REWEIGHTING_ITERATIONS, require_enough_samples, residual_variances
-from robot_dynamics.identification.identification_model import IdentificationModel
-from robot_dynamics.identification.triangular_factors import solve_least_squares
-from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
-from robot_dynamics.recordings.drives import Drives
-
-UNKNOWN_COUNT = len(LINK_PARAMETERS) - 1  # parameters of a payload of which only the mass, the last one, is known
-MIN_IDENTIFIABILITY = 1e-6  # part of what gains do to the efforts that the parameters cannot do, at least
-MAX_RELATIVE_DEVIATION = 0.2  # of a gain, as part of it
-REQUIREMENT = (
-    "runs with a payload of known mass beside runs without it, in motions that every joint feels it in, are needed"
+from robot_dynamics.identification.fitting import (
+    REWEIGHTING_ITERATIONS,
+    Fit,
+    require_enough_samples,
+    residual_variances,
 )
+from robot_dynamics.identification.gain_problem import REQUIREMENT, GainProblem
+from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
+
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.identification.samples import Samples
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.recording import Recording
+
+UNKNOWN_COUNT = len(LINK_PARAMETERS) - 1  # unknown parameters of a payload: all but its mass, the last one
+MAX_RELATIVE_DEVIATION = 0.2  # standard deviation of a gain, relative to the gain
 
 
 @dataclass(frozen=True)
 class Payload:
-    """What a robot carries on a link, in its frame: of known mass [kg]; its centre and its inertia are not known."""
+    """A payload of known mass [kg] on a link. Its centre of mass and its inertia are unknown."""
 
     link: str
     mass: float
@@ -36,205 +47,180 @@ class Payload:
 
 @dataclass(frozen=True, eq=False)
 class PayloadIdentificationModel:
-    """What signals of k motors are made of, times their gains: the columns of a robot, UNKNOWN columns of each of its
-    payloads, and one of what their known masses demand. carried: {name of a recording: its payload}; here: that of
-    this recording, None where there is none."""
+    """Model of the efforts of k motors with gain 1, from which gains are identified.
+
+    Its columns are those of the robot, UNKNOWN_COUNT columns for each payload, and one column with the efforts that the
+    known masses require. payload_by_recording: payloads by the name of the recording; current_payload: the payload of
+    this recording, None if there is none.
+    """
 
     model: IdentificationModel
-    payloads: tuple
-    payload_by_recording: dict
+    payloads: tuple[Payload, ...]
+    payload_by_recording: dict[str, Payload]
     current_payload: Payload | None = None
 
     @property
-    def dynamics(self):
+    def dynamics(self) -> Dynamics:
+        """Dynamics of the robot."""
         return self.model.dynamics
 
-    def for_recording(self, recording):
-        """The columns of one recording."""
+    def for_recording(self, recording: Recording) -> PayloadIdentificationModel:
+        """Return the model of one recording."""
         return replace(self, current_payload=self.payload_by_recording.get(recording.name))
 
-    def efforts(self, motion):
-        """(N, k) unfiltered efforts of the motors."""
+    def efforts(self, motion: Motion) -> Array:
+        """Compute the unfiltered efforts (N, k) of the motors."""
         return motion.unfiltered_efforts @ np.linalg.inv(self.model.drives.ratios)
 
-    def motion_regressor(self, motion):
-        """(N, k, P + UNKNOWN payloads + 1) of a Motion."""
+    def motion_regressor(self, motion: Motion) -> Array:
+        """Compute the columns (N, k, P + UNKNOWN_COUNT payloads + 1) of a motion."""
         Y = self.model.full_regressor(motion.q, motion.qd, motion.qdd, motion.base)
-        parts = [self.model.reduce_regressor(Y, motion.qd, motion.qdd)]
-        known = np.zeros((*Y.shape[:2], 1))
+        columns = [self.model.reduce_regressor(Y, motion.qd, motion.qdd)]
+        known_efforts = np.zeros((*Y.shape[:2], 1))
         for payload in self.payloads:
-            demanded = payload_regressor(self.model.dynamics, payload, Y) * (payload == self.current_payload)
-            parts.append(demanded[..., :UNKNOWN_COUNT])
-            known += payload.mass * demanded[..., UNKNOWN_COUNT:]
+            link_columns = payload_regressor(self.model.dynamics, payload, Y) * (payload == self.current_payload)
+            columns.append(link_columns[..., :UNKNOWN_COUNT])
+            known_efforts += payload.mass * link_columns[..., UNKNOWN_COUNT:]
         inverse = np.linalg.inv(self.model.drives.ratios)
-        return np.einsum("jk,Njp->Nkp", inverse, np.concatenate([*parts, known], axis=-1))
+        regressor = np.concatenate([*columns, known_efforts], axis=-1)
+        motor_regressor: Array = np.einsum("jk,Njp->Nkp", inverse, regressor)
+        return motor_regressor
 
 
-def payload_regressor(dynamics, payload, Y):
-    """(N, n, 10): what parameters BODY of a Payload demand, those of a regressor Y (N, n, p) for the link it is on."""
+def payload_regressor(dynamics: Dynamics, payload: Payload, Y: Array) -> Array:
+    """Select the columns (N, n, 10) of the link that carries a payload from a full regressor Y (N, n, p)."""
     robot = dynamics.robot
     first = dynamics.parameter_names.index(f"XX.{robot.links[robot.frame(payload.link).link].name}")
-    return Y[..., first : first + len(LINK_PARAMETERS)]
+    columns: Array = Y[..., first : first + len(LINK_PARAMETERS)]
+    return columns
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedPayload:
+    """A payload with all its parameters, LINK_PARAMETERS (10,) in the frame of its link."""
+
+    payload: Payload
+    parameters: Array
 
 
 @dataclass(frozen=True, eq=False)
 class UnloadedIdentificationModel:
-    """EffortColumns of recordings, with what payloads demand taken off the efforts. payloads: {name of a recording:
-    (Payload, its parameters BODY (10,))}; here: that of this recording, None where there is none."""
+    """The identification model of a robot for recordings with payloads, whose efforts are subtracted.
+
+    payloads: identified payloads by the name of the recording; current_payload: that of this recording, None if there
+    is none.
+    """
 
     model: IdentificationModel
-    payloads: dict
-    current_payload: tuple | None = None
-
-    def for_recording(self, recording):
-        """The columns of one recording."""
-        return replace(self, current_payload=self.payloads.get(recording.name))
-
-    def efforts(self, motion):
-        """(N, n) unfiltered efforts that the robot itself demands."""
-        if self.current_payload is None:
-            return motion.unfiltered_efforts
-        payload, parameters = self.current_payload
-        Y = self.model.full_regressor(motion.q, motion.qd, motion.qdd, motion.base)
-        return motion.unfiltered_efforts - payload_regressor(self.model.dynamics, payload, Y) @ parameters
-
-    def motion_regressor(self, motion):
-        """(N, n, P) of a Motion."""
-        return self.model.motion_regressor(motion)
+    payloads: dict[str, IdentifiedPayload] = field(default_factory=dict)
+    current_payload: IdentifiedPayload | None = None
 
     @property
-    def dynamics(self):
+    def dynamics(self) -> Dynamics:
+        """Dynamics of the robot."""
         return self.model.dynamics
 
     @property
-    def names(self):
-        return self.model.names
+    def identification_model(self) -> IdentificationModel:
+        """The model of the robot without payloads."""
+        return self.model
+
+    def for_recording(self, recording: Recording) -> UnloadedIdentificationModel:
+        """Return the model of one recording."""
+        return replace(self, current_payload=self.payloads.get(recording.name))
+
+    def efforts(self, motion: Motion) -> Array:
+        """Compute the unfiltered efforts (N, n) without those that the payload requires."""
+        if self.current_payload is None:
+            return motion.unfiltered_efforts
+        Y = self.model.full_regressor(motion.q, motion.qd, motion.qdd, motion.base)
+        regressor = payload_regressor(self.model.dynamics, self.current_payload.payload, Y)
+        return motion.unfiltered_efforts - regressor @ self.current_payload.parameters
+
+    def motion_regressor(self, motion: Motion) -> Array:
+        """Compute the columns (N, n, P) of a motion."""
+        return self.model.motion_regressor(motion)
 
 
 @dataclass(frozen=True, eq=False)
 class DriveGains:
-    """drives: with the effort gains (k,) that were found; deviations (k,): standard deviations of their errors;
-    covariance (P, P) of the parameters that were found with them; columns: to fit these to recordings with `drives`."""
+    """Identified drive gains.
+
+    drives: drives with the identified effort gains (k,); standard_deviations: (k,) of the errors of the gains;
+    covariance: (P, P) of the parameters that were identified with them; model: model to fit recordings with `drives`.
+    """
 
     drives: Drives
-    standard_deviations: np.ndarray
-    covariance: np.ndarray
+    standard_deviations: Array
+    covariance: Array
     model: UnloadedIdentificationModel
 
-    def include_gain_uncertainty(self, fit):
-        """The Fit to recordings with these gains, its deviations with what the gains may be wrong by."""
+    def include_gain_uncertainty(self, fit: Fit) -> Fit:
+        """Return a fit to recordings with these gains, with standard deviations that include their uncertainty."""
         standard_deviations = np.sqrt(np.diagonal(self.covariance))
-        return replace(fit, model=self.model.model, covariance=self.covariance, standard_deviations=standard_deviations)
+        return replace(fit, covariance=self.covariance, standard_deviations=standard_deviations)
 
 
-def identify_gains(samples):
-    """The Gains of Samples with LoadedColumns, by least squares weighted by motor. Raises RecordingError."""
-    loaded, drives = samples.model, samples.model.model.drives
-    factors, effective_samples = require_enough_samples(samples.accumulate_factors())
-    problem = _Problem(factors.triangles)
-    silent = [name for name, y in zip(drives.names, problem.y, strict=True) if not y.any()]
-    if silent:
-        raise RecordingError(f"gains cannot be told: nothing was measured of {', '.join(silent)}")
-    x, P = problem.start(), problem.X.shape[-1]
+def identify_gains(samples: Samples[PayloadIdentificationModel]) -> DriveGains:
+    """Identify gains by least squares, weighted by motor.
+
+    Raises RecordingError if there are too few samples or the recordings do not determine the gains.
+    """
+    payload_model = samples.model
+    drives = payload_model.model.drives
+    factors, effective_share = require_enough_samples(samples.accumulate_factors())
+    problem = GainProblem(factors.triangles)
+    _require_signals(drives.names, problem)
+    P = problem.parameter_count
+    x = problem.initial_values()
     for _ in range(REWEIGHTING_ITERATIONS):
         variance = residual_variances(problem.residual_sum_of_squares(x), problem.y, factors.samples, P)
         weights = variance.mean() / variance
-        x = problem.solve_least_squares(x, weights)
-    per_sample = np.mean(
-        residual_variances(problem.residual_sum_of_squares(x), problem.y, factors.samples, P) * weights
+        x = problem.minimize(x, weights)
+    variance = residual_variances(problem.residual_sum_of_squares(x), problem.y, factors.samples, P)
+    variance_per_row = np.mean(variance * weights)
+    parameter_covariance, inverse_gain_covariance = (
+        covariance * variance_per_row / effective_share for covariance in problem.covariances(x, weights)
     )
-    of_parameters, of_inverse = (C * per_sample / effective_samples for C in problem.covariances(x, weights))
-    values, gains = x[:P], 1 / x[P:]
-    standard_deviations = np.sqrt(np.diagonal(of_inverse)) * gains**2
-    uncertain = [f"{name} to {abs(deviation / gain):.0%}" for name, gain, deviation
-                 in zip(drives.names, gains, standard_deviations, strict=True)
-                 if not deviation < MAX_RELATIVE_DEVIATION * abs(gain)]  # fmt: skip
+    gains = 1 / x[P:]
+    standard_deviations = np.sqrt(np.diagonal(inverse_gain_covariance)) * gains**2
+    _require_certain_gains(drives.names, gains, standard_deviations)
+    identified_drives = replace(drives, effort_gains=drives.effort_gains * gains)
+    p = len(payload_model.model.names)
+    return DriveGains(
+        drives=identified_drives,
+        standard_deviations=standard_deviations * np.abs(drives.effort_gains),
+        covariance=parameter_covariance[:p, :p],
+        model=UnloadedIdentificationModel(
+            replace(payload_model.model, drives=identified_drives), _identified_payloads(payload_model, x[p:P])
+        ),
+    )
+
+
+def _identified_payloads(model: PayloadIdentificationModel, values: Array) -> dict[str, IdentifiedPayload]:
+    """Collect the payloads by the name of the recording, from the unknown parameters of all payloads."""
+    rows = values.reshape(-1, UNKNOWN_COUNT)
+    identified = {
+        payload: IdentifiedPayload(payload, np.append(row, payload.mass))
+        for payload, row in zip(model.payloads, rows, strict=True)
+    }
+    return {name: identified[payload] for name, payload in model.payload_by_recording.items()}
+
+
+def _require_signals(motors: tuple[str, ...], problem: GainProblem) -> None:
+    silent = [name for name, y in zip(motors, problem.y, strict=True) if not y.any()]
+    if silent:
+        raise RecordingError(f"the gains cannot be identified: the measured efforts of {', '.join(silent)} are zero")
+
+
+def _require_certain_gains(motors: tuple[str, ...], gains: Array, standard_deviations: Array) -> None:
+    uncertain = [
+        f"{name} {abs(deviation / gain):.0%}"
+        for name, gain, deviation in zip(motors, gains, standard_deviations, strict=True)
+        if not deviation < MAX_RELATIVE_DEVIATION * abs(gain)
+    ]
     if uncertain:
-        raise RecordingError(f"gains cannot be told, but {', '.join(uncertain)}: {REQUIREMENT}")
-    found = replace(drives, effort_gains=drives.effort_gains * gains)
-    p = len(loaded.model.names)
-    rest = values[p:].reshape(-1, UNKNOWN_COUNT)
-    parameters = {payload: np.append(own, payload.mass) for payload, own in zip(loaded.payloads, rest, strict=True)}
-    payloads = {name: (payload, parameters[payload]) for name, payload in loaded.payload_by_recording.items()}
-    columns = UnloadedIdentificationModel(replace(loaded.model, drives=found), payloads)
-    return DriveGains(found, standard_deviations * np.abs(drives.effort_gains), of_parameters[:p, :p], columns)
-
-
-class _Problem:
-    """Least squares of y_k - (X_k θ + L_k) δ_k, δ_k the inverse gain of motor k, in x = (θ (P,), δ (k,)); triangles:
-    (k, P + 2, P + 2), R of [X L y] of each motor."""
-
-    def __init__(self, triangles):
-        self.X, self.L, self.y = triangles[..., :-2], triangles[..., -2], triangles[..., -1]
-
-    def start(self):
-        """x of total least squares: gains by which what was measured, scaled to 1, is least outside of [X L]."""
-        k, P = len(self.y), self.X.shape[-1]
-        X, L = self.X.reshape(-1, P), self.L.ravel()
-        if not np.linalg.norm(L - X @ solve_least_squares(X, L).values) > MIN_IDENTIFIABILITY * np.linalg.norm(L):
-            raise RecordingError(f"gains cannot be told from masses: {REQUIREMENT}")
-        lengths = np.linalg.norm(self.y, axis=1)
-        signals = np.einsum("kr,kg->krg", self.y / lengths[:, None], np.eye(k)).reshape(-1, k)
-        columns = np.column_stack([X, L])
-        fits = np.stack([solve_least_squares(columns, signal).values for signal in signals.T], axis=1)
-        gains = np.linalg.svd(signals - columns @ fits)[2][-1]
-        *values, scale = fits @ gains
-        gains = np.where(np.abs(gains) > MIN_IDENTIFIABILITY, gains, MIN_IDENTIFIABILITY) / lengths
-        return np.concatenate([np.array(values) / scale, scale / gains])
-
-    def _efforts(self, x):
-        """(inverse gains (k, 1), efforts (k, rows)) of x."""
-        P = self.X.shape[-1]
-        return x[P:, None], self.X @ x[:P] + self.L
-
-    def residual_sum_of_squares(self, x):
-        """(k,) sums of squares of the residuals."""
-        inverse, efforts = self._efforts(x)
-        return np.square(efforts * inverse - self.y).sum(axis=1)
-
-    def solve_least_squares(self, x, weights):
-        """x that is best where the squares of the motors count by weights (k,), from another one.
-
-        Sought are the relative inverse gains, that of one motor being 1, and all else times its inverse gain: so that
-        the scale of everything, which is what is least known, is the factor of a column, L, as the parameters are.
-        """
-        P, first = self.X.shape[-1], int(np.argmax(np.linalg.norm(self.L, axis=1)))
-        others = np.arange(len(self.y)) != first
-        columns = np.sqrt(weights)[:, None, None] * np.concatenate([self.X, self.L[..., None]], axis=-1)
-        wanted = np.sqrt(weights)[:, None] * self.y
-        by_gain = np.eye(len(self.y))[:, None, others]
-
-        def relative(z):
-            gains = np.ones(len(self.y))
-            gains[others] = z[P + 1 :]
-            return gains[:, None]
-
-        def residuals(z):
-            return (relative(z) * (columns @ z[: P + 1]) - wanted).ravel()
-
-        def jacobian(z):
-            efforts = (columns @ z[: P + 1])[..., None]
-            return np.concatenate([columns * relative(z)[..., None], efforts * by_gain], -1).reshape(-1, len(z))
-
-        scale = x[P + first]
-        z = np.concatenate([x[:P] * scale, [scale], x[P:][others] / scale])
-        z = least_squares(residuals, z, jacobian, method="lm", x_scale="jac", xtol=1e-12, ftol=1e-12).x
-        return np.concatenate([z[:P] / z[P], relative(z)[:, 0] * z[P]])
-
-    def _jacobian(self, x):
-        inverse, efforts = self._efforts(x)
-        by_gain = np.einsum("kr,kg->krg", efforts, np.eye(len(efforts)))
-        return np.concatenate([self.X * inverse[..., None], by_gain], axis=-1)
-
-    def covariances(self, x, weights):
-        """Of θ (P, P) and δ (k, k), for residuals of variance 1. Raises RecordingError where δ follows from nothing."""
-        P = self.X.shape[-1]
-        J = (np.sqrt(weights)[:, None, None] * self._jacobian(x)).reshape(-1, len(x))
-        alone = solve_least_squares(J[:, :P], np.zeros(len(J))).covariance
-        by_gain = -alone @ (J[:, :P].T @ J[:, P:])  # of θ, by δ
-        left = J[:, P:] + J[:, :P] @ by_gain
-        lengths = np.linalg.norm(J[:, P:], axis=0)
-        if not np.linalg.svd(left / lengths, compute_uv=False)[-1] > MIN_IDENTIFIABILITY:
-            raise RecordingError(f"gains cannot be told from masses: {REQUIREMENT}")
-        of_gains = np.linalg.inv(left.T @ left)
-        return alone + by_gain @ of_gains @ by_gain.T, of_gains
+        raise RecordingError(
+            "the gains cannot be identified, their standard deviations are too large "
+            f"({', '.join(uncertain)}): {REQUIREMENT}"
+        )

@@ -1,94 +1,143 @@
-"""What measured efforts are linear in: base parameters with frictions, offsets of joints, losses of coupled motors."""
+"""The linear model of measured efforts: base parameters with friction, joint offsets, and losses of coupled motors."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from robot_dynamics.identification.base_parameters import BaseParameters, base_parameters
+from robot_dynamics.array_types import Array
+from robot_dynamics.identification.base_parameters import BaseParameters, compute_base_parameters
 from robot_dynamics.inputs import Base
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
+
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.recording import Recording
+
+FRICTION_PREFIXES = ("Fv.", "Fs.")
+
+
+class EffortModel(Protocol):
+    """A model in which measured efforts (N, k) are linear in P parameters."""
+
+    @property
+    def dynamics(self) -> Dynamics:
+        """Dynamics of the robot."""
+
+    def for_recording(self, recording: Recording) -> EffortModel:
+        """Return the model of one recording."""
+
+    def efforts(self, motion: Motion) -> Array:
+        """Compute the unfiltered efforts (N, k) on the left side of the linear equations."""
+
+    def motion_regressor(self, motion: Motion) -> Array:
+        """Compute the columns (N, k, P) of a motion."""
+
+
+class JointEffortModel(EffortModel, Protocol):
+    """An EffortModel whose parameters are those of an IdentificationModel."""
+
+    @property
+    def identification_model(self) -> IdentificationModel:
+        """The model that names the parameters."""
 
 
 @dataclass(frozen=True, eq=False)
 class IdentificationModel:
-    """Columns of efforts of n joints: `names` (P,), first the base parameters, then offsets, then coupled losses.
+    """Model of the efforts of n joints, linear in P parameters.
 
-    base: the BaseParameters; kept: (b,) numbers of those that have a column, in Dynamics.parameter_names.
+    names: (P,), first the base parameters, then the joint offsets, then the losses of coupled motors;
+    parameter_indices: (b,) indices in Dynamics.parameter_names of the base parameters that have a column.
     """
 
-    dynamics: object
-    drives: object
+    dynamics: Dynamics
+    drives: Drives
     base_parameters: BaseParameters
-    parameter_indices: tuple
-    names: tuple
+    parameter_indices: tuple[int, ...]
+    names: tuple[str, ...]
 
-    def __setstate__(self, state):
-        """In another process, where the program of the regressor is not yet."""
+    def __setstate__(self, state: dict[str, object]) -> None:
+        """Restore the model in another process and compile its regressor there."""
         vars(self).update(state)
         self.dynamics.compile("regressor")
 
-    def for_recording(self, recording):
-        """The columns of one recording: all have the same."""
+    @property
+    def identification_model(self) -> IdentificationModel:
+        """The model itself."""
         return self
 
-    def efforts(self, motion):
-        """(N, n) what the columns of a Motion make up: unfiltered efforts."""
+    def for_recording(self, recording: Recording) -> IdentificationModel:
+        """Return the model of one recording, which is the same for all recordings."""
+        return self
+
+    def efforts(self, motion: Motion) -> Array:
+        """Return the unfiltered efforts (N, n) of a motion."""
         return motion.unfiltered_efforts
 
-    def motion_regressor(self, motion):
-        """(N, n, P) of a Motion."""
+    def motion_regressor(self, motion: Motion) -> Array:
+        """Compute the columns (N, n, P) of a motion."""
         return self.regressor_at(motion.q, motion.qd, motion.qdd, motion.base)
 
-    def regressor_at(self, q, qd, qdd, base=None):
-        """(N, n, P) of positions, velocities and accelerations (N, n), and a Base where it moves."""
+    def regressor_at(self, q: Array, qd: Array, qdd: Array, base: Base | None = None) -> Array:
+        """Compute the columns (N, n, P) at positions, velocities and accelerations (N, n); base: if it moves."""
         return self.reduce_regressor(self.full_regressor(q, qd, qdd, base), qd, qdd)
 
-    def full_regressor(self, q, qd, qdd, base=None):
-        """Y (N, n, p) of Dynamics.parameter_names, less gravity where efforts exclude it."""
-        Y = self.dynamics.regressor(q, qd, qdd, base=base)
+    def full_regressor(self, q: Array, qd: Array, qdd: Array, base: Base | None = None) -> Array:
+        """Compute Y (N, n, p) for all Dynamics.parameter_names, without gravity if the efforts exclude it."""
+        Y: Array = self.dynamics.regressor(q, qd, qdd, base=base)
         if self.drives.excludes_gravity:
-            still = np.zeros_like(qd)
-            rest = None if base is None else Base(base.pose, np.zeros(6), np.zeros(6))
-            Y = Y - self.dynamics.regressor(q, still, still, base=rest)
-        return Y[:, -qd.shape[1] :]  # of a moving base nobody measures the wrench
+            zero = np.zeros_like(qd)
+            base_at_rest = None if base is None else Base(base.pose, np.zeros(6), np.zeros(6))
+            Y = Y - self.dynamics.regressor(q, zero, zero, base=base_at_rest)
+        joint_rows: Array = Y[:, -qd.shape[1] :]  # recordings do not contain the wrench on a moving base
+        return joint_rows
 
-    def reduce_regressor(self, Y, qd, qdd):
-        """(N, n, P) of a regressor Y (N, n, p), velocities and accelerations (N, n)."""
+    def reduce_regressor(self, Y: Array, qd: Array, qdd: Array) -> Array:
+        """Compute the columns (N, n, P) from a full regressor Y (N, n, p), velocities and accelerations (N, n)."""
         n = Y.shape[1]
         offsets = np.broadcast_to(np.eye(n), (len(Y), n, n))
-        coupled = self.drives.coupling_regressor(qd, qdd)
-        return np.concatenate([Y[..., list(self.parameter_indices)], offsets, coupled], axis=-1)
+        coupling = self.drives.coupling_regressor(qd, qdd)
+        return np.concatenate([Y[..., list(self.parameter_indices)], offsets, coupling], axis=-1)
 
     @property
-    def inertial_count(self):
-        """How many of the columns are inertial, rotors counted, and not friction."""
-        return sum(not name.startswith(("Fv.", "Fs.")) for name in self.names[: len(self.parameter_indices)])
+    def inertial_count(self) -> int:
+        """Number of base parameters that are inertial: all but friction, rotor inertias included."""
+        return sum(not name.startswith(FRICTION_PREFIXES) for name in self.names[: len(self.parameter_indices)])
 
     @property
-    def grouping_matrix(self):
-        """(b, p): base parameters of all parameters of Dynamics.parameter_names."""
+    def grouping_matrix(self) -> Array:
+        """(b, p) matrix that groups Dynamics.parameters into the base parameters that have a column."""
         matrix = np.zeros((len(self.parameter_indices), len(self.base_parameters.names)))
-        rows = [self.base_parameters.independent.index(number) for number in self.parameter_indices]
+        rows = [self.base_parameters.independent.index(index) for index in self.parameter_indices]
         matrix[range(len(self.parameter_indices)), self.parameter_indices] = 1
         matrix[:, self.base_parameters.dependent] = self.base_parameters.K[rows]
         return matrix
 
     @property
-    def expressions(self):
-        """The names, base parameters as the sums that they are."""
-        told = dict(zip(self.base_parameters.independent, self.base_parameters.expressions, strict=True))
-        return tuple(told[number] for number in self.parameter_indices) + self.names[len(self.parameter_indices) :]
+    def expressions(self) -> tuple[str, ...]:
+        """(P,) names, with each base parameter as a sum of parameters."""
+        sums = dict(zip(self.base_parameters.independent, self.base_parameters.expressions, strict=True))
+        return tuple(sums[index] for index in self.parameter_indices) + self.names[len(self.parameter_indices) :]
 
 
-def build_identification_model(dynamics, drives, *, rotor_inertia=True, compiled=True):
-    """The EffortColumns of the robot of a Dynamics; rotor_inertia: whether rotors have columns of their own; compiled:
-    whether the regressor is compiled now, as many samples need it.
+def build_identification_model(
+    dynamics: Dynamics, drives: Drives, *, rotor_inertia: bool = True, compiled: bool = True
+) -> IdentificationModel:
+    """Build the identification model of a robot with its drives.
+
+    rotor_inertia: whether rotors have parameters of their own; compiled: whether to compile the regressor now, which
+    pays off for many samples.
     """
-    base = base_parameters(dynamics, joint_efforts_only=True)
-    kept = tuple(number for number in base.independent if rotor_inertia or not base.names[number].startswith("Ia."))
-    names = [base.names[number] for number in kept] + [f"offset.{name}" for name in dynamics.joint_names]
-    shorts = dict(zip(DRIVE_PARAMETERS, ("Ia", "Fv", "Fs"), strict=True))
-    names += [f"{shorts[loss]}.{motor}" for motor in drives.coupling_ratios for loss in DRIVE_PARAMETERS]
+    base = compute_base_parameters(dynamics, joint_efforts_only=True)
+    indices = tuple(index for index in base.independent if rotor_inertia or not base.names[index].startswith("Ia."))
+    prefixes = dict(zip(DRIVE_PARAMETERS, ("Ia", "Fv", "Fs"), strict=True))
+    names = [base.names[index] for index in indices]
+    names += [f"offset.{name}" for name in dynamics.joint_names]
+    names += [f"{prefixes[loss]}.{motor}" for motor in drives.coupling_ratios for loss in DRIVE_PARAMETERS]
     if compiled:
-        dynamics.compile("regressor")  # now, rather than after the first pieces
-    return IdentificationModel(dynamics, drives, base, kept, tuple(names))
+        dynamics.compile("regressor")
+    return IdentificationModel(dynamics, drives, base, indices, tuple(names))

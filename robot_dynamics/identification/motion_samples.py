@@ -1,105 +1,127 @@
-"""Random motions of a robot that show all that can be seen of its parameters."""
+"""Random motions of a robot that excite all its identifiable parameters."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.manifold_walk import build_constraint_manifold
 from robot_dynamics.inputs import Base
 
-DEFAULT_RANGE = np.pi, 1.0  # [rad], [m] to both sides of the initial position of a joint without limits
+if TYPE_CHECKING:
+    from robot_dynamics.constraints.manifold_walk import ConstraintManifold
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
+
+DEFAULT_RANGE = np.pi, 1.0  # [rad], [m] on each side of the initial position of a joint without limits
 MAX_RATE = 3.0  # [rad or characteristic lengths, per second and per second²]
-MIN_SINGULAR_VALUE_RATIO = (
-    0.03  # of the largest singular value of what the independent joints place: less is near a dead point
-)
+# Smallest to largest singular value of the Jacobian of the dependent joints; smaller ratios are near a dead point.
+MIN_SINGULAR_VALUE_RATIO = 0.03
 
 
 class Motions(NamedTuple):
-    """Samples q (N, n) or, with loops, (N, all joints), qd, qdd (N, n); base: a Base or None."""
+    """Samples of motions of a robot.
 
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
+    q: (N, n) positions, with loops (N, all joints); qd, qdd: (N, n) velocities and accelerations of the independent
+    joints; base: states of a moving base, None if the base is fixed.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
     base: Base | None
 
 
 class LoopMotions(NamedTuple):
-    """Samples q, qd, qdd (N, all joints) that keep the loops closed; directions: (N, all joints, n) of independent
-    motions; base: a Base or None."""
+    """Samples of motions that keep the loops closed.
 
-    q: np.ndarray
-    qd: np.ndarray
-    qdd: np.ndarray
-    directions: np.ndarray
+    q, qd, qdd: (N, all joints); directions: (N, all joints, n) independent motions; base: states of a moving base, None
+    if the base is fixed.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    directions: Array
     base: Base | None
 
 
-def sample_random_motions(dynamics, samples, seed=0):
-    """Motions within joint limits, rates and accelerations up to 3 [per second, per second²]. The same for a seed.
+def sample_random_motions(dynamics: Dynamics, samples: int, seed: int = 0) -> Motions:
+    """Sample motions within the joint limits, with rates and accelerations up to 3 [per second, per second²].
 
-    With loops, of the whole range that they reach from the initial positions without passing a position at which their
-    mobility changes, but near dead points of the independent joints.
+    With loops, the positions cover the range that is reached from the initial positions without passing a position at
+    which the mobility changes. Positions near dead points of the independent joints are left out. Equal seeds give
+    equal motions.
     """
     rng = np.random.default_rng(seed)
-    robot, n = dynamics.robot, len(dynamics.joint_names)
+    robot = dynamics.robot
+    n = len(dynamics.joint_names)
     if robot.loops:
-        manifold = build_constraint_manifold(robot)
-        q = _well_placed(manifold, rng, samples)
+        q = _sample_regular_positions(build_constraint_manifold(robot), rng, samples)
     else:
         joints = [robot.joints[robot.joint_numbers[name]] for name in dynamics.joint_names]
-        q = rng.uniform(*np.array([position_bounds(joint) for joint in joints]).reshape(-1, 2).T, (samples, n))
+        lower, upper = np.array([position_bounds(joint) for joint in joints]).reshape(-1, 2).T
+        q = rng.uniform(lower, upper, (samples, n))
     qd, qdd = rng.uniform(-MAX_RATE, MAX_RATE, (2, samples, n))
-    return Motions(q, qd, qdd, _base(rng, samples) if robot.moving_base else None)
+    return Motions(q, qd, qdd, _sample_base(rng, samples) if robot.moving_base else None)
 
 
-def sample_loop_motions(robot, samples, seed=0):
-    """LoopMotions of a robot with loops, of the whole range that they reach as for `random_motions`, dead points of
-    motors and their neighbourhood too: rates are those along the manifold of closed positions, up to 3 [rad or
-    characteristic lengths, per second and per second²]."""
-    rng, manifold = np.random.default_rng(seed), build_constraint_manifold(robot)
-    S, reach = manifold.topology.S, manifold.units
-    t = _spread(manifold.random_walks(rng), samples)
-    tangent, q = manifold.tangent(t), manifold.joint_positions(t)
-    directions = reach[:, None] * tangent.basis
+def sample_loop_motions(robot: Robot, samples: int, seed: int = 0) -> LoopMotions:
+    """Sample motions of a robot with loops along the manifold of closed positions.
+
+    The range is that of `sample_random_motions`, but includes dead points of motors and their neighbourhood. Rates and
+    accelerations along the manifold are at most 3 [rad or characteristic lengths, per second and per second²].
+    """
+    rng = np.random.default_rng(seed)
+    manifold = build_constraint_manifold(robot)
+    S = manifold.topology.S
+    units = manifold.units
+    t = _select_evenly(manifold.random_walks(rng), samples)
+    tangent = manifold.tangent(t)
+    q = manifold.joint_positions(t)
+    directions = units[:, None] * tangent.basis
     rates = rng.uniform(-MAX_RATE, MAX_RATE, (2, samples, directions.shape[2], 1))
     qd = (directions @ rates[0])[..., 0] @ S.T
     drift = loop_equations(robot, q, qd).drift
-    turning = reach * (tangent.pseudo_inverse @ drift[..., None])[..., 0]
-    qdd = ((directions @ rates[1])[..., 0] - turning) @ S.T
-    return LoopMotions(q, qd, qdd, S @ directions, _base(rng, samples) if robot.moving_base else None)
+    curvature = units * (tangent.pseudo_inverse @ drift[..., None])[..., 0]
+    qdd = ((directions @ rates[1])[..., 0] - curvature) @ S.T
+    return LoopMotions(q, qd, qdd, S @ directions, _sample_base(rng, samples) if robot.moving_base else None)
 
 
-def _well_placed(manifold, rng, samples):
-    """(samples, all joints) positions at which the independent joints place the others well."""
-    placed, t = manifold.topology.dependent_columns, manifold.random_walks(rng)
-    J = (
-        loop_equations(manifold.topology.robot, manifold.joint_positions(t)).jacobian
-        @ manifold.topology.S
-        * manifold.units
-    )
-    s = np.linalg.svd(J[..., placed], compute_uv=False)
-    quality = s[:, -1] / s[:, 0]
-    good = quality > min(MIN_SINGULAR_VALUE_RATIO, np.median(quality))
-    return manifold.joint_positions(_spread(t[good], samples))
-
-
-def _spread(states, samples):
-    """So many of the states (N, m), evenly from the first to the last."""
-    return states[np.linspace(0, len(states) - 1, samples).round().astype(int)]
-
-
-def position_bounds(joint):
-    """(lower, upper) position that a joint may be given."""
-    reach, middle = DEFAULT_RANGE[joint.prismatic], joint.initial_position
+def position_bounds(joint: Joint) -> tuple[float, float]:
+    """Return the lower and upper position [rad or m] of a joint; without limits, a default range."""
+    reach = DEFAULT_RANGE[joint.prismatic]
+    middle = joint.initial_position
     lower, upper = joint.limits.lower, joint.limits.upper
     if np.isfinite(lower) and np.isfinite(upper):
         return lower, upper
     return max(lower, middle - reach), min(upper, middle + reach)
 
 
-def _base(rng, samples):
+def _sample_regular_positions(manifold: ConstraintManifold, rng: np.random.Generator, samples: int) -> Array:
+    """Sample positions (samples, all joints) at which the independent joints determine the dependent ones well."""
+    topology = manifold.topology
+    t = manifold.random_walks(rng)
+    J = loop_equations(topology.robot, manifold.joint_positions(t)).jacobian @ topology.S * manifold.units
+    s = np.linalg.svd(J[..., topology.dependent_columns], compute_uv=False)
+    ratio = s[:, -1] / s[:, 0]
+    regular = ratio > min(MIN_SINGULAR_VALUE_RATIO, np.median(ratio))
+    return manifold.joint_positions(_select_evenly(t[regular], samples))
+
+
+def _select_evenly(states: Array, samples: int) -> Array:
+    """Select a number of states (N, m), evenly spaced from the first to the last."""
+    selected: Array = states[np.linspace(0, len(states) - 1, samples).round().astype(int)]
+    return selected
+
+
+def _sample_base(rng: np.random.Generator, samples: int) -> Base:
     poses = np.tile(np.eye(4), (samples, 1, 1))
     poses[:, :3, :3] = Rotation.from_quat(rng.normal(size=(samples, 4))).as_matrix()
-    return Base(poses, *rng.uniform(-2, 2, (2, samples, 6)))
+    twist, acceleration = rng.uniform(-2, 2, (2, samples, 6))
+    return Base(poses, twist, acceleration)

@@ -1,162 +1,237 @@
-"""Inertias that bodies can have, nearest to what was measured; and the robot that has them.
+"""The physically consistent robot that is nearest to a fit.
 
-A body can exist where its pseudo-inertia [[½ tr(J) 1 - J, MS], [MSᵀ, M]] is positive semidefinite (Wensing, Kim and
-Slotine, "Linear matrix inequalities for physically consistent inertial parameter identification", 2018): this keeps the
-triangle inequality, and puts the mass within the body. Frictions and rotor inertias are zero or more. Of what the
-motion does not show, the description's own values are kept as far as they can be. The problem is convex.
+The inertial parameters of a body are physically consistent if its pseudo-inertia [[½ tr(J) 1 - J, MS], [MSᵀ, M]] is
+positive semidefinite (Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial
+parameter identification", 2018). This includes the triangle inequality and keeps the centre of mass within the body.
+Friction and rotor inertias are zero or positive. Parameters that the motion does not excite stay as near as possible to
+the description. The problem is convex.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from types import ModuleType
 
 import numpy as np
 from scipy import sparse
 
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.identification.fitting import Fit
+from robot_dynamics.identification.identification_model import IdentificationModel
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS, Drives
 
-MIN_MASS = 0.05  # [kg] scale of links of which the description tells no mass
-CHARACTERISTIC_LENGTH = 0.2  # [m] scale of what is told about links
-PRIOR_WEIGHT = 1.0  # weight of the description beside residuals in units of their deviation
-MIN_EIGENVALUE = 1e-7  # least eigenvalue of a pseudo-inertia, in units of the scale of its link
-# entries of the upper triangle of a pseudo-inertia, column by column, as sums of BODY
-PSEUDO_INERTIA_ENTRIES = (
-    {"XX": -0.5, "YY": 0.5, "ZZ": 0.5}, {"XY": -1.0}, {"XX": 0.5, "YY": -0.5, "ZZ": 0.5},
-    {"XZ": -1.0}, {"YZ": -1.0}, {"XX": 0.5, "YY": 0.5, "ZZ": -0.5}, {"MX": 1.0}, {"MY": 1.0}, {"MZ": 1.0}, {"M": 1.0},
-)  # fmt: skip
+MIN_MASS = 0.05  # [kg] scale of links without mass in the description
+CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links
+PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
+OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
+MIN_EIGENVALUE = 1e-7  # smallest eigenvalue of a pseudo-inertia, in units of the scale of its link
+# Entries of the upper triangle of a pseudo-inertia, column by column, as sums of LINK_PARAMETERS.
+PSEUDO_INERTIA_ENTRIES: tuple[dict[str, float], ...] = (
+    {"XX": -0.5, "YY": 0.5, "ZZ": 0.5},
+    {"XY": -1.0},
+    {"XX": 0.5, "YY": -0.5, "ZZ": 0.5},
+    {"XZ": -1.0},
+    {"YZ": -1.0},
+    {"XX": 0.5, "YY": 0.5, "ZZ": -0.5},
+    {"MX": 1.0},
+    {"MY": 1.0},
+    {"MZ": 1.0},
+    {"M": 1.0},
+)
 DIAGONAL_ENTRIES = (0, 2, 5, 9)
 
 
 @dataclass(frozen=True, eq=False)
 class ConsistentRobot:
-    """A robot and its drives with what was identified; values: (P,) of the columns of the Fit that they come to."""
+    """Physically consistent result of an identification.
+
+    Attributes
+    ----------
+    robot : Robot
+        Robot with the identified inertias, friction and rotor inertias.
+    drives : Drives
+        Drives with the identified offsets and losses of coupled motors.
+    values : (P,) array
+        Values of the parameters of the fit that the robot and the drives correspond to.
+    """
 
     robot: Robot
     drives: Drives
-    values: np.ndarray
+    values: Array
 
 
-def import_convex_solver():
-    """The package clarabel. Raises MissingPackageError."""
-    return import_optional("clarabel", "finding inertias that bodies can have")
+@dataclass(frozen=True, eq=False)
+class _ConeConstraint:
+    """Rows (k, size) and bounds (k,) such that bounds - rows x lies in a cone of clarabel."""
+
+    cone: object
+    rows: list[Array]
+    bounds: list[float]
 
 
-def fit_consistent_robot(fit):
-    """The Identified robot nearest to a Fit, in the squares of residuals that it minimises.
+def import_convex_solver() -> ModuleType:
+    """Import clarabel. Raises MissingPackageError."""
+    return import_optional("clarabel", "computing physically consistent inertias")
 
-    Raises SingularModelError where none is found, MissingPackageError where the solver is not installed.
+
+def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
+    """Find the physically consistent robot with the smallest squared residuals.
+
+    Parameters
+    ----------
+    fit : Fit
+        Unconstrained fit, whose weighted squared residuals are minimised under the constraints.
+
+    Returns
+    -------
+    ConsistentRobot
+        Robot and drives with consistent parameters.
+
+    Raises
+    ------
+    SingularModelError
+        If the solver does not converge.
+    MissingPackageError
+        If clarabel is not installed.
+
+    Notes
+    -----
+    Source: Wensing, Kim and Slotine, "Linear matrix inequalities for physically consistent inertial parameter
+    identification" (2018).
     """
-    columns = fit.model
-    robot, names = columns.dynamics.robot, columns.base_parameters.names
-    p, others = len(names), len(columns.names) - len(columns.parameter_indices)
-    A, b = fit.factors.weighted_system(fit.weights)
-    whole = np.zeros((len(columns.names), p + others))
-    whole[: len(columns.parameter_indices), :p] = columns.grouping_matrix
-    whole[len(columns.parameter_indices) :, p:] = np.eye(others)
-    prior = np.concatenate([columns.dynamics.parameters, np.zeros(others)])
-    scale = np.concatenate([_scales(robot), np.ones(others)])
-    free = np.concatenate([np.full(p, PRIOR_WEIGHT), np.full(others, 1e-6)])
-    H = A @ whole * scale
-    cones, rows, least = _cones(robot, columns, p + others, scale)
-    x = _minimised(H.T @ H + np.diag(free), -(H.T @ b + free * prior / scale), rows, least, cones) * scale
-    values = whole @ x
-    return ConsistentRobot(_robot_with(robot, names, x[:p]), _drives_with(columns, values), values)
+    model = fit.model
+    robot = model.dynamics.robot
+    names = model.base_parameters.names
+    p = len(names)
+    b = len(model.parameter_indices)
+    drive_count = len(model.names) - b
+    A, y = fit.factors.weighted_system(fit.weights)
+    grouping = np.zeros((len(model.names), p + drive_count))
+    grouping[:b, :p] = model.grouping_matrix
+    grouping[b:, p:] = np.eye(drive_count)
+    prior = np.concatenate([model.dynamics.parameters, np.zeros(drive_count)])
+    prior_weights = np.concatenate([np.full(p, PRIOR_WEIGHT), np.full(drive_count, OFFSET_PRIOR_WEIGHT)])
+    scale = np.concatenate([_parameter_scales(robot), np.ones(drive_count)])
+    H = A @ grouping * scale
+    gradient = -(H.T @ y + prior_weights * prior / scale)
+    constraints = [*_joint_constraints(model, scale), *_link_constraints(model, scale)]
+    x = _minimize(H.T @ H + np.diag(prior_weights), gradient, constraints) * scale
+    values = grouping @ x
+    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values)
 
 
-def _scales(robot):
-    """(p,) the size that a parameter may have."""
-    scales = []
-    for number, link in enumerate(robot.links):
+def _parameter_scales(robot: Robot) -> Array:
+    """Return the scale (p,) of each parameter."""
+    scales: list[float] = []
+    for index, link in enumerate(robot.links):
         mass = max(abs(link.inertia.mass), MIN_MASS)
-        if number > 0 or robot.moving_base:
+        if index > 0 or robot.moving_base:
             scales += [mass * CHARACTERISTIC_LENGTH**2] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
-        if number > 0:
+        if index > 0:
             scales += [1.0] * len(JOINT_PARAMETERS)
     return np.array(scales)
 
 
-def _cones(robot, columns, size, scale):
-    """(cones, A, b): what x in units of scale must be so that b - A x is in the cones of clarabel."""
-    clarabel, names = import_convex_solver(), list(columns.base_parameters.names)
-    cones, rows, least = [], [], []
-    drive = [column for column, name in enumerate(names) if name.partition(".")[0] in JOINT_PARAMETERS]
-    motors = [column for column in drive if not (names[column].startswith("Ia.") and not _has_rotors(columns))]
-    still = sorted(set(drive) - set(motors))
-    if still:
-        cones.append(clarabel.ZeroConeT(len(still)))
-        rows += [_unit(column, size, -1.0) for column in still]
-        least += [-columns.dynamics.parameters[column] / scale[column] for column in still]
-    cones.append(clarabel.NonnegativeConeT(len(motors)))
-    rows += [_unit(column, size, -1.0) for column in motors]
-    least += [0.0] * len(motors)
+def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
+    """Keep friction and rotor inertias positive, and rotor inertias constant if they are not identified."""
+    clarabel = import_convex_solver()
+    names = model.base_parameters.names
+    columns = [column for column, name in enumerate(names) if name.partition(".")[0] in JOINT_PARAMETERS]
+    fit_rotors = _has_rotor_columns(model)
+    free = [column for column in columns if fit_rotors or not names[column].startswith("Ia.")]
+    constant = sorted(set(columns) - set(free))
+    if constant:
+        bounds = [-model.dynamics.parameters[column] / scale[column] for column in constant]
+        yield _ConeConstraint(
+            clarabel.ZeroConeT(len(constant)), [_unit_row(column, len(scale)) for column in constant], bounds
+        )
+    yield _ConeConstraint(
+        clarabel.NonnegativeConeT(len(free)), [_unit_row(column, len(scale)) for column in free], [0.0] * len(free)
+    )
+
+
+def _link_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
+    """Keep the pseudo-inertia of each moving link positive definite."""
+    clarabel = import_convex_solver()
+    robot = model.dynamics.robot
+    names = list(model.base_parameters.names)
+    units = (CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, 1.0)  # of rows and columns
+    triangle = [(row, column) for column in range(4) for row in range(column + 1)]
     for link in robot.links[0 if robot.moving_base else 1 :]:
         first = names.index(f"XX.{link.name}")
-        mass, places = scale[first + 9], dict(zip(LINK_PARAMETERS, range(first, first + 10), strict=True))
-        units = (
-            CHARACTERISTIC_LENGTH,
-            CHARACTERISTIC_LENGTH,
-            CHARACTERISTIC_LENGTH,
-            1.0,
-        )  # of rows and columns of the pseudo-inertia, times the mass
-        pairs = [(row, column) for column in range(4) for row in range(column + 1)]
-        for number, ((row, column), entries) in enumerate(zip(pairs, PSEUDO_INERTIA_ENTRIES, strict=True)):
-            line, unit = np.zeros(size), mass * units[row] * units[column]
+        mass = scale[first + 9]
+        columns = dict(zip(LINK_PARAMETERS, range(first, first + 10), strict=True))
+        rows: list[Array] = []
+        bounds: list[float] = []
+        for number, ((row, column), entries) in enumerate(zip(triangle, PSEUDO_INERTIA_ENTRIES, strict=True)):
+            constraint = np.zeros(len(scale))
+            unit = mass * units[row] * units[column]
             for key, factor in entries.items():
-                line[places[key]] = -factor * scale[places[key]] / unit
-            rows.append(line if number in DIAGONAL_ENTRIES else line * np.sqrt(2))
-            least.append(-MIN_EIGENVALUE if number in DIAGONAL_ENTRIES else 0.0)
-        cones.append(clarabel.PSDTriangleConeT(4))
-    return cones, np.array(rows), np.array(least)
+                constraint[columns[key]] = -factor * scale[columns[key]] / unit
+            is_diagonal = number in DIAGONAL_ENTRIES
+            rows.append(constraint if is_diagonal else constraint * np.sqrt(2))
+            bounds.append(-MIN_EIGENVALUE if is_diagonal else 0.0)
+        yield _ConeConstraint(clarabel.PSDTriangleConeT(4), rows, bounds)
 
 
-def _has_rotors(columns):
-    """Whether rotors were asked for: with them each has a column, or is seen together with a link."""
-    return all(number in columns.parameter_indices for number in columns.base_parameters.independent)
+def _has_rotor_columns(model: IdentificationModel) -> bool:
+    """Whether rotor inertias are identified: each has a column, or is grouped with the parameters of a link."""
+    return all(index in model.parameter_indices for index in model.base_parameters.independent)
 
 
-def _unit(column, size, value):
-    line = np.zeros(size)
-    line[column] = value
-    return line
+def _unit_row(column: int, size: int) -> Array:
+    row = np.zeros(size)
+    row[column] = -1.0
+    return row
 
 
-def _minimised(P, q, A, b, cones):
+def _minimize(P: Array, q: Array, constraints: list[_ConeConstraint]) -> Array:
+    """Minimise ½ xᵀ P x + qᵀ x under cone constraints. Raises SingularModelError if the solver does not converge."""
     clarabel = import_convex_solver()
     settings = clarabel.DefaultSettings()
     settings.verbose = False
-    solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, sparse.csc_matrix(A), b, cones, settings)
-    found = solver.solve()
-    if "Solved" not in str(found.status):
-        raise SingularModelError(f"no inertias that bodies can have fit: the solver ends with {found.status}")
-    return np.array(found.x)
-
-
-def _robot_with(robot, names, parameters):
-    """The Robot with other parameters (p,) of names."""
-    told = dict(zip(names, parameters.tolist(), strict=True))
-    links, joints = list(robot.links), list(robot.joints)
-    for number, link in enumerate(links):
-        if number == 0 and not robot.moving_base:
-            continue
-        value = {key: told[f"{key}.{link.name}"] for key in LINK_PARAMETERS}
-        first = np.array([value["MX"], value["MY"], value["MZ"]])
-        links[number] = replace(
-            link, inertia=Inertia(value["M"], first, symmetric_matrix(*(value[key] for key in LINK_PARAMETERS[:6])))
+    A = sparse.csc_matrix(np.array([row for constraint in constraints for row in constraint.rows]))
+    b = np.array([bound for constraint in constraints for bound in constraint.bounds])
+    cones = [constraint.cone for constraint in constraints]
+    solver = clarabel.DefaultSolver(sparse.csc_matrix(np.triu(P)), q, A, b, cones, settings)
+    solution = solver.solve()
+    if "Solved" not in str(solution.status):
+        raise SingularModelError(
+            f"no physically consistent robot fits the recordings: the solver clarabel stops with {solution.status}"
         )
-    for number, joint in enumerate(joints):
-        losses = (max(0.0, told[f"{key}.{joint.name}"]) for key in JOINT_PARAMETERS)
-        joints[number] = replace(joint, **dict(zip(DRIVE_PARAMETERS, losses, strict=True)))
+    return np.array(solution.x)
+
+
+def _replace_parameters(robot: Robot, names: tuple[str, ...], parameters: Array) -> Robot:
+    """Return the robot with other parameters (p,)."""
+    values = dict(zip(names, parameters.tolist(), strict=True))
+    links = list(robot.links)
+    for index, link in enumerate(links):
+        if index == 0 and not robot.moving_base:
+            continue
+        entries = {key: values[f"{key}.{link.name}"] for key in LINK_PARAMETERS}
+        first_moments = np.array([entries["MX"], entries["MY"], entries["MZ"]])
+        second_moments = symmetric_matrix(*(entries[key] for key in LINK_PARAMETERS[:6]))
+        links[index] = replace(link, inertia=Inertia(entries["M"], first_moments, second_moments))
+    joints = []
+    for joint in robot.joints:
+        rotor_inertia, viscous, coulomb = (max(0.0, values[f"{key}.{joint.name}"]) for key in JOINT_PARAMETERS)
+        joints.append(replace(joint, rotor_inertia=rotor_inertia, viscous_friction=viscous, coulomb_friction=coulomb))
     return replace(robot, links=tuple(links), joints=tuple(joints))
 
 
-def _drives_with(columns, values):
-    """The Drives with the offsets and coupled losses among values (P,) of columns."""
-    b, n = len(columns.parameter_indices), len(columns.dynamics.joint_names)
+def _replace_drives(model: IdentificationModel, values: Array) -> Drives:
+    """Return the drives with the offsets and the losses of coupled motors among values (P,)."""
+    b = len(model.parameter_indices)
+    n = len(model.dynamics.joint_names)
     losses = values[b + n :].reshape(-1, len(DRIVE_PARAMETERS)).tolist()
     coupling_parameters = {
-        motor: tuple(told) for motor, told in zip(columns.drives.coupling_ratios, losses, strict=True)
+        motor: tuple(motor_losses) for motor, motor_losses in zip(model.drives.coupling_ratios, losses, strict=True)
     }
-    return replace(columns.drives, effort_offsets=values[b : b + n].copy(), coupling_parameters=coupling_parameters)
+    return replace(model.drives, effort_offsets=values[b : b + n].copy(), coupling_parameters=coupling_parameters)

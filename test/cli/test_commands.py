@@ -1,4 +1,4 @@
-"""The command robot-dynamics: what it prints and writes is the robot, what it cannot do it says."""
+"""The command robot-dynamics: printed tables, converted descriptions, generated code and error messages."""
 
 import json
 import re
@@ -40,12 +40,12 @@ loops:
 
 def refused(arguments, capsys):
     assert main(list(map(str, arguments))) == 1
-    told = capsys.readouterr()
-    assert not told.out and "Traceback" not in told.err
-    return told.err
+    printed = capsys.readouterr()
+    assert not printed.out and "Traceback" not in printed.err
+    return printed.err
 
 
-def test_urdf_becomes_a_table_and_a_urdf_again(tmp_path, capsys):
+def test_convert_turns_a_urdf_into_a_table_and_back(tmp_path, capsys):
     for source, target in ((UR5, "a.yaml"), (tmp_path / "a.yaml", "b.urdf"), (tmp_path / "b.urdf", "c.yml")):
         assert main(["convert", str(source), str(tmp_path / target)]) == 0
         assert f"{target}: robot 'ur5', 6 joints" in capsys.readouterr().out
@@ -53,24 +53,24 @@ def test_urdf_becomes_a_table_and_a_urdf_again(tmp_path, capsys):
         Dynamics(load_robot(path)) for path in (UR5, *(tmp_path / name for name in ("a.yaml", "b.urdf", "c.yml")))
     ]
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 6))
-    for other in robots[1:]:
-        assert other.joint_names == robots[0].joint_names
-        np.testing.assert_allclose(other.inverse(q, qd, qdd), robots[0].inverse(q, qd, qdd), rtol=1e-9)
+    for converted in robots[1:]:
+        assert converted.joint_names == robots[0].joint_names
+        np.testing.assert_allclose(converted.inverse(q, qd, qdd), robots[0].inverse(q, qd, qdd), rtol=1e-9)
 
 
-def test_par_is_written_and_read_and_what_is_lost_is_told(tmp_path, capsys):
+def test_convert_writes_a_par_and_reports_losses(tmp_path, capsys):
     target = tmp_path / "puma.par"
     assert main(["convert", "puma560", str(target)]) == 0
     again, puma = Dynamics(load_robot(target)), Dynamics(load_robot("puma560"))
     np.testing.assert_allclose(again.inertia_matrix(np.ones(6)), puma.inertia_matrix(np.ones(6)), rtol=1e-9)
     capsys.readouterr()
-    told = refused(["convert", "puma560", tmp_path / "puma.urdf"], capsys)
-    assert "rotor inertia 4.71" in told and "lossy" in told and not (tmp_path / "puma.urdf").exists()
+    printed = refused(["convert", "puma560", tmp_path / "puma.urdf"], capsys)
+    assert "rotor inertia 4.71" in printed and "lossy" in printed and not (tmp_path / "puma.urdf").exists()
     assert main(["convert", "puma560", str(tmp_path / "puma.urdf"), "--lossy"]) == 0
     assert "rotor inertia 4.71" in (tmp_path / "puma.urdf").read_text()
 
 
-def test_urdf_with_a_yaml_beside_it_becomes_a_table_in_frames_with_the_fewest_numbers(tmp_path, capsys):
+def test_convert_of_a_urdf_with_a_yaml_writes_minimal_frames(tmp_path, capsys):
     loop = "{joint: closing, moved: {antecedent: tool0}, closed_on: {antecedent: base_link, xyz: [0.5, 0, 0.5]}}"
     (tmp_path / "ur5.yaml").write_text(f"urdf: {UR5}\nroles: {{elbow_joint: passive}}\nloops: [{loop}]\n")
     assert main(["convert", str(tmp_path / "ur5.yaml"), str(tmp_path / "table.yaml")]) == 0
@@ -81,11 +81,11 @@ def test_urdf_with_a_yaml_beside_it_becomes_a_table_in_frames_with_the_fewest_nu
     )
     assert robot.joints[2].role == "passive" and [loop.name for loop in robot.loops] == ["closing"]
     capsys.readouterr()
-    told = refused(["convert", tmp_path / "table.yaml", tmp_path / "out.urdf"], capsys)
-    assert "loop 'closing', which closes link" in told and "lossy" in told
+    printed = refused(["convert", tmp_path / "table.yaml", tmp_path / "out.urdf"], capsys)
+    assert "loop 'closing', which closes link" in printed and "lossy" in printed
 
 
-def test_names_are_bound_from_a_file_and_on_the_command_line(tmp_path, capsys):
+def test_parameters_are_set_from_a_file_and_on_the_command_line(tmp_path, capsys):
     (tmp_path / "lengths.yaml").write_text(LENGTHS)
     (tmp_path / "values.yaml").write_text("a: 3\nb: 2*pi\n")
     arguments = [str(tmp_path / "lengths.yaml"), str(tmp_path / "out.yaml")]
@@ -96,11 +96,11 @@ def test_names_are_bound_from_a_file_and_on_the_command_line(tmp_path, capsys):
     assert "unknown parameter 'c'" in refused(["show", arguments[0], "--set", "c=1"], capsys)
     assert "NAME=VALUE is needed" in refused(["show", arguments[0], "--set", "c"], capsys)
     (tmp_path / "values.yaml").write_text("a: [1]\n")
-    told = refused(["show", arguments[0], "--values", tmp_path / "values.yaml"], capsys)
-    assert "values.yaml, line 1, column 4: a is [1]: a number or an expression is needed" in told
+    printed = refused(["show", arguments[0], "--values", tmp_path / "values.yaml"], capsys)
+    assert "values.yaml, line 1, column 4: a is [1]: a number or an expression is needed" in printed
 
 
-def test_axes_are_snapped_where_it_is_asked_and_hinted_at_where_not(tmp_path, capsys):
+def test_snap_makes_axes_parallel_and_is_suggested(tmp_path, capsys):
     (tmp_path / "lengths.yaml").write_text(LENGTHS)
     arguments = ["convert", str(tmp_path / "lengths.yaml"), str(tmp_path / "out.yaml")]
     assert main(arguments) == 0
@@ -114,38 +114,38 @@ def test_axes_are_snapped_where_it_is_asked_and_hinted_at_where_not(tmp_path, ca
 @pytest.mark.parametrize("name", shipped_robots())
 def test_show_prints_the_table_the_inertias_and_the_totals(name, capsys):
     assert main(["show", name]) == 0
-    told, robot = capsys.readouterr().out, load_robot(name)
-    assert "Modified Denavit-Hartenberg parameters" in told and "Inertias about the origins" in told
-    rows = told.split("plus variable")[1].split("\n\n")[0]
+    printed, robot = capsys.readouterr().out, load_robot(name)
+    assert "Modified Denavit-Hartenberg parameters" in printed and "Inertias about the origins" in printed
+    rows = printed.split("plus variable")[1].split("\n\n")[0]
     for joint, link in zip(robot.joints, robot.links[1:], strict=True):
         assert re.search(rf"^{joint.name} +{link.name} ", rows, re.MULTILINE)
     first = 0 if robot.moving_base else 1
     mass = sum(link.inertia.mass for link in robot.links[first:])
-    assert f"moving mass {mass:.6g} kg" + ("" if robot.loops else ", centre at") in told
+    assert f"moving mass {mass:.6g} kg" + ("" if robot.loops else ", centre at") in printed
     for warning in robot.warnings:
-        assert f"warning: {warning}" in told
+        assert f"warning: {warning}" in printed
 
 
-def test_show_tells_springs_and_angles_with_pi(capsys):
+def test_show_prints_springs_and_angles_with_pi(capsys):
     assert main(["show", "manutec_r3"]) == 0
-    told = capsys.readouterr().out
-    assert re.search(r"spring_2 +elastic .* 352800 +0 +441", told)
-    assert re.search(r"motor_2 .* pi/2 +0 +pi/2 ", told)
+    printed = capsys.readouterr().out
+    assert re.search(r"spring_2 +elastic .* 352800 +0 +441", printed)
+    assert re.search(r"motor_2 .* pi/2 +0 +pi/2 ", printed)
     assert main(["show", "manutec_r3", "--frames", "minimal"]) == 0
     assert not re.search(r"motor_2 .* pi/2 +0 +pi/2 ", capsys.readouterr().out)
 
 
-def test_show_tells_loops_with_both_their_frames(tmp_path, capsys):
+def test_show_prints_loops_with_both_frames(tmp_path, capsys):
     (tmp_path / "bars.yaml").write_text(BARS)
     assert main(["show", str(tmp_path / "bars.yaml")]) == 0
-    told = capsys.readouterr().out
-    assert re.search(r"joint +role +initial position\n.*\nj1 +actuated +0.5\n", told)
-    assert re.search(r"\nknee +prismatic +k +knee_link +0 .*\n +k\+B +base_link +0.5 +0 +0 +0 +0 +pi/2\n", told)
-    assert re.search(r"\nball +spherical +k +l2 +2 .*\n +k\+B +base_link +0 ", told)
-    assert "moving mass 2 kg\n" in told
+    printed = capsys.readouterr().out
+    assert re.search(r"joint +role +initial position\n.*\nj1 +actuated +0.5\n", printed)
+    assert re.search(r"\nknee +prismatic +k +knee_link +0 .*\n +k\+B +base_link +0.5 +0 +0 +0 +0 +pi/2\n", printed)
+    assert re.search(r"\nball +spherical +k +l2 +2 .*\n +k\+B +base_link +0 ", printed)
+    assert "moving mass 2 kg\n" in printed
 
 
-def test_loops_stay_from_a_table_to_a_par_and_back(tmp_path, capsys):
+def test_convert_keeps_loops_from_a_table_to_a_par_and_back(tmp_path, capsys):
     (tmp_path / "bars.yaml").write_text(BARS.replace("type: spherical", "type: fixed").replace("0.5}", "0}"))
     for source, target in (("bars.yaml", "a.par"), ("a.par", "b.yaml"), ("b.yaml", "c.par"), ("c.par", "d.yaml")):
         assert main(["convert", str(tmp_path / source), str(tmp_path / target)]) == 0
@@ -154,12 +154,12 @@ def test_loops_stay_from_a_table_to_a_par_and_back(tmp_path, capsys):
     assert [loop.name for loop in load_robot(tmp_path / "d.yaml").loops] == ["knee", "ball"]
     capsys.readouterr()
     (tmp_path / "bars.yaml").write_text(BARS)
-    told = refused(["convert", tmp_path / "bars.yaml", tmp_path / "a.par"], capsys)
-    assert "'j1' has an initial position; loop 'ball' is cut at a ball joint" in told and "--lossy" in told
+    printed = refused(["convert", tmp_path / "bars.yaml", tmp_path / "a.par"], capsys)
+    assert "'j1' has an initial position; loop 'ball' is cut at a ball joint" in printed and "--lossy" in printed
 
 
-def test_centre_of_mass_that_show_tells_is_that_of_the_gravity_torque(capsys):
-    """With gravity along x, joint 1 of the UR5e about the vertical bears mass · y of the centre."""
+def test_show_prints_the_centre_of_mass_of_the_gravity_torque(capsys):
+    """With gravity along x, the torque of the vertical joint 1 of the UR5e is weight times y of the centre of mass."""
     assert main(["show", "ur5e"]) == 0
     mass, _, y, _ = map(
         float, re.search(r"moving mass (\S+) kg, centre at (\S+) (\S+) (\S+) m", capsys.readouterr().out).groups()
@@ -170,23 +170,23 @@ def test_centre_of_mass_that_show_tells_is_that_of_the_gravity_torque(capsys):
 
 def test_robots_and_schema_are_listed(capsys):
     assert main(["robots"]) == 0
-    told = capsys.readouterr().out
-    assert all(name in told for name in shipped_robots())
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in shipped_robots())
     assert main(["schema"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads(SCHEMA.read_text())
 
 
-def test_generated_code_is_the_model_of_the_robot(tmp_path, capsys):
-    """The Python that is written gives the efforts of the library, with a wrench and in folders that it makes."""
+def test_generated_python_agrees_with_the_library(tmp_path, capsys):
+    """The generated Python computes the efforts of the library, with a wrench; missing folders are created."""
     arguments = ["generate", "panda", "--lang", "python", "--output", str(tmp_path / "new"), "--prefix", "panda_"]
     assert main([*arguments, "--wrench", "panda_link8"]) == 0
-    told = capsys.readouterr().out
-    assert "inverse of 'panda'" in told and " × / " in told
+    printed = capsys.readouterr().out
+    assert "inverse of 'panda'" in printed and " × / " in printed
     scope = runpy.run_path(str(tmp_path / "new" / "panda_inverse.py"))
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 7))
     expected = Dynamics(load_robot("panda")).inverse(q, qd, qdd, external_wrenches={"panda_link8": np.ones(6)})
-    found = next(value for name, value in scope.items() if name.endswith("inverse"))(q, qd, qdd, np.ones(6))
-    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    result = next(value for name, value in scope.items() if name.endswith("inverse"))(q, qd, qdd, np.ones(6))
+    np.testing.assert_allclose(result, expected, rtol=1e-10)
 
 
 @pytest.mark.parametrize("model", ["direct", "inertia_matrix", "gravity", "coriolis", "bias", "regressor", "pose"])
@@ -196,8 +196,8 @@ def test_generated_c_compiles_without_a_warning(model, tmp_path, capsys):
         pytest.skip("there is no C compiler")
     assert main(["generate", "ur5e", "--model", model, "--frame", "tool0", "--output", str(tmp_path)]) == 0
     command = [compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-c", f"{model}.c"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 0, done.stderr
+    process = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert process.returncode == 0, process.stderr
 
 
 @pytest.mark.parametrize("lang", ["c", "python"])
@@ -205,44 +205,48 @@ def test_generated_code_of_a_robot_with_loops_names_the_entries_of_q(lang, tmp_p
     for model in ("inverse", "closure"):
         assert main(["generate", "four_bar", "--model", model, "--lang", lang, "--output", str(tmp_path)]) == 0
     dynamics = Dynamics(load_robot("four_bar"))
-    told, closure = (
+    printed, closure = (
         " ".join((tmp_path / f"{name}.{'h' if lang == 'c' else 'py'}").read_text().replace(" * ", "").split())
         for name in ("inverse", "closure")
     )
-    everyone = ", ".join(f"{place} {name}" for place, name in enumerate(dynamics.all_joint_names))
-    placed = ", ".join(f"{place} {name}" for place, name in enumerate(dynamics.dependent_joint_names))
-    assert "Joints, by the place of their entry: 0 crank." in told
-    assert f"q has all joints, at positions that close the loops: {everyone}." in told
-    assert f"Joints of q, by the place of their entry: {everyone}. Joints of step: {placed}." in closure
+    all_entries = ", ".join(f"{index} {name}" for index, name in enumerate(dynamics.all_joint_names))
+    dependent_entries = ", ".join(f"{index} {name}" for index, name in enumerate(dynamics.dependent_joint_names))
+    assert "Joints, by the place of their entry: 0 crank." in printed
+    assert f"q has all joints, at positions that close the loops: {all_entries}." in printed
+    assert f"Joints of q, by the place of their entry: {all_entries}. Joints of step: {dependent_entries}." in closure
 
 
-def test_generate_says_what_is_missing_or_has_no_meaning(tmp_path, capsys):
+def test_generate_refuses_missing_or_meaningless_options(tmp_path, capsys):
     assert "needs --frame" in refused(["generate", "ur5e", "--model", "pose"], capsys)
     assert "unknown link 'tol0': did you mean 'tool0'" in refused(
         ["generate", "ur5e", "--model", "pose", "--frame", "tol0"], capsys
     )
-    assert "not for gravity" in refused(["generate", "ur5e", "--model", "gravity", "--wrench", "tool0"], capsys)
+    assert "inverse and direct, not to gravity" in refused(
+        ["generate", "ur5e", "--model", "gravity", "--wrench", "tool0"], capsys
+    )
     assert "cannot be written" in refused(["generate", "ur5e", "--output", "/proc/nowhere"], capsys)
 
 
-def test_operations_are_counted(capsys):
-    """Fewer than SYMORO's own inverse model of the RX90 takes: 343 × and 300 + after dead code is removed."""
+def test_count_of_operations_is_below_that_of_symoro(capsys):
+    """SYMORO's own inverse model of the RX90 has 343 × and 300 + after dead code is removed."""
     assert main(["count", "rx90"]) == 0
     row = re.search(r"inverse +(\d+) +(\d+)", capsys.readouterr().out)
     assert int(row[1]) < 343 and int(row[2]) < 300
 
 
-def test_wrong_arguments_are_refused_by_name(tmp_path, capsys):
+def test_wrong_arguments_are_named_in_messages(tmp_path, capsys):
     assert "no robot of that name ships" in refused(["show", "pand"], capsys)
     assert "did you mean 'panda'" in refused(["convert", "pandas", tmp_path / "a.yaml"], capsys)
-    assert ".yaml, .yml, .urdf, .par are known" in refused(["convert", "panda", tmp_path / "a.txt"], capsys)
+    assert "the path of the output file must end with .yaml, .yml, .urdf or .par" in refused(
+        ["convert", "panda", tmp_path / "a.txt"], capsys
+    )
     assert "cannot be written" in refused(["convert", "panda", "/proc/nowhere/a.yaml"], capsys)
     (tmp_path / "a.yaml").write_text(LENGTHS)
-    assert "is what was read" in refused(["convert", tmp_path / "a.yaml", tmp_path / "a.yaml"], capsys)
-    assert "is what was read" in refused(["convert", "rx90", shipped_robots()["rx90"]], capsys)
+    assert "is an input file" in refused(["convert", tmp_path / "a.yaml", tmp_path / "a.yaml"], capsys)
+    assert "is an input file" in refused(["convert", "rx90", shipped_robots()["rx90"]], capsys)
     (tmp_path / "v.yaml").write_text("a: 2\n")
     arguments = ["convert", tmp_path / "a.yaml", tmp_path / "v.yaml", "--values", tmp_path / "v.yaml"]
-    assert "is what was read" in refused(arguments, capsys)
+    assert "is an input file" in refused(arguments, capsys)
     assert "cannot be written" in refused(["convert", "panda", tmp_path / f"{'x' * 300}.yaml"], capsys)
     assert "cannot be written" in refused(["convert", "panda", "a\0b.yaml"], capsys)
     with pytest.raises(SystemExit):
@@ -250,16 +254,16 @@ def test_wrong_arguments_are_refused_by_name(tmp_path, capsys):
     assert "VERB" in capsys.readouterr().err
 
 
-def test_installed_command_runs_and_a_closed_pipe_is_no_error():
+def test_installed_command_runs_and_accepts_a_closed_pipe():
     command = Path(sys.executable).with_name("robot-dynamics")
-    shown = subprocess.run([command, "show", "panda"], capture_output=True, text=True, timeout=60)
-    assert shown.returncode == 0 and "panda_joint7" in shown.stdout and not shown.stderr
+    process = subprocess.run([command, "show", "panda"], capture_output=True, text=True, timeout=60)
+    assert process.returncode == 0 and "panda_joint7" in process.stdout and not process.stderr
     piped = subprocess.run(f"{command} show panda | head -1", shell=True, capture_output=True, text=True, timeout=60)
     assert piped.stdout.startswith("robot 'panda'") and "Traceback" not in piped.stderr
 
 
 def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
-    def interrupted(told):
+    def interrupted(printed):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("robot_dynamics.cli.count.run", interrupted)

@@ -1,4 +1,4 @@
-"""The verb frequencies: what it prints are Briot's frequencies, what it draws opens by itself."""
+"""The verb frequencies: it prints the published frequencies of Briot and writes self-contained drawings."""
 
 import re
 
@@ -9,24 +9,24 @@ from robot_dynamics.cli.main import main
 
 def printed(arguments, capsys):
     assert main(["frequencies", *arguments]) == 0
-    told = capsys.readouterr()
-    assert not told.err
-    return told.out
+    output = capsys.readouterr()
+    assert not output.err
+    return output.out
 
 
-def test_the_paper_s_pose_d(capsys):
+def test_frequencies_at_pose_d_of_the_paper(capsys):
     out = printed(["navaro", "--pose", "x=0,y=-0.21,yaw=0", "--count", "5"], capsys)
     assert "90 in all" in out
-    found = [float(value) for value in re.findall(r"^ +\d+ +([\d.]+) ", out, re.MULTILINE)]
-    assert found == pytest.approx([40.17, 50.32, 52.99, 67.36, 91.52], abs=0.01)
+    frequencies = [float(value) for value in re.findall(r"^ +\d+ +([\d.]+) ", out, re.MULTILINE)]
+    assert frequencies == pytest.approx([40.17, 50.32, 52.99, 67.36, 91.52], abs=0.01)
 
 
-def test_elastic_gears_of_an_arm(capsys):
-    """The motors held, three springs are left."""
+def test_frequencies_of_elastic_gears(capsys):
+    """With the motors held, three springs move."""
     assert "3 in all" in printed(["manutec_r3", "--joints", "motor_2=1.2"], capsys)
 
 
-def test_a_mode_and_a_map_are_drawn(tmp_path, capsys):
+def test_mode_and_map_are_drawn_as_html(tmp_path, capsys):
     pytest.importorskip("plotly", reason="plotly, which draws in HTML, is not installed")
     mode, picture = tmp_path / "mode.html", tmp_path / "map.html"
     assert "mode 2, 4" in printed(["navaro", "--mode", "2", "--output", str(mode)], capsys)
@@ -38,14 +38,14 @@ def test_a_mode_and_a_map_are_drawn(tmp_path, capsys):
     assert "Plotly.newPlot" in picture.read_text()
 
 
-def test_a_map_is_drawn_as_a_picture(tmp_path, capsys):
+def test_map_is_drawn_as_png(tmp_path, capsys):
     picture = tmp_path / "map.png"
     out = printed(["navaro", "--map", "x:-0.01:0.01:2,y:-0.1:0.1:2", "--count", "2", "--output", str(picture)], capsys)
     assert "4 of 4 poses reached" in out and picture.read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
-    "arguments, told",
+    "arguments, reason",
     [
         (["navaro", "--pose", "u=0"], "unknown coordinate of a platform 'u'"),
         (["navaro", "--pose", "z=1"], "the legs do not leave z of the platform free, only x, y, yaw"),
@@ -56,12 +56,16 @@ def test_a_map_is_drawn_as_a_picture(tmp_path, capsys):
         (["panda", "--pose", "x=0"], "has no platform"),
         (["navaro", "--map", "x:0:1:5"], "two coordinates vary in a map"),
         (["navaro", "--map", "x:0:1,y:0:1:5"], "NAME:FROM:TO:COUNT is needed"),
-        (["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.pdf"], "ends with .html or .png"),
+        (
+            ["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.pdf"],
+            "--output map.pdf: the path of the output file must end with .html or .png",
+        ),
         (["navaro", "--mode", "91"], "modes 1 to 90"),
         (["navaro", "--held", "nobody"], "unknown joint 'nobody'"),
         (["navaro", "--count", "0"], "1 or more"),
+        (["hexapod_stack"], "has the platforms lower, upper: --pose is for one platform"),
     ],
 )
-def test_what_is_wrong_is_told(arguments, told, capsys):
+def test_wrong_arguments_are_refused_with_a_reason(arguments, reason, capsys):
     assert main(["frequencies", *arguments]) == 1
-    assert told in capsys.readouterr().err
+    assert reason in capsys.readouterr().err

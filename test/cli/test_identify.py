@@ -21,14 +21,14 @@ from robot_dynamics.recordings.recording import open_recording
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
-    """Two recordings of a Panda with a hand of 0.9 kg and friction, of which the description knows nothing."""
+    """Two recordings of a Panda with a hand of 0.9 kg and friction, which the description does not contain."""
     folder, model = tmp_path_factory.mktemp("bags"), panda_model()
     model.inertias[7].mass += 0.9
     motions = [panda_motion(30.0, seed=seed, viscous=1.5, coulomb=0.6, model=model) for seed in (1, 2)]
     return [write_bag(folder / f"run_{k}", messages(motion)) for k, motion in enumerate(motions)]
 
 
-def test_a_wrong_description_is_put_right(bags, tmp_path, capsys):
+def test_identify_corrects_a_wrong_description(bags, tmp_path, capsys):
     fitted, drives, figures = (tmp_path / "out" / name for name in ("panda.yaml", "drives.yaml", "fit.json"))
     arguments = ["--robot", "panda", "--output", fitted, "--output-drives", drives, "--json", figures]
     tight = tmp_path / "tight.yaml"
@@ -36,31 +36,31 @@ def test_a_wrong_description_is_put_right(bags, tmp_path, capsys):
     check = ["replay-check", bags[1], "--tolerances", tight, "--robot"]
     assert main([*map(str, check), "panda"]) == 3
     assert main(["identify", *map(str, [bags[0], "--validate", bags[1], *arguments])]) == 0
-    told = capsys.readouterr().out
-    assert "48 base parameters with 14 of friction and 7 of drives" in told and "validated" in told
+    printed = capsys.readouterr().out
+    assert "48 base parameters with 14 of friction and 7 of drives" in printed and "validated" in printed
     assert main([*map(str, check), str(fitted), "--drives", str(drives)]) == 0
     robot = load_robot(fitted)
     assert robot.warnings == ()
     assert [joint.viscous_friction for joint in robot.joints] == pytest.approx([1.5] * 7, abs=0.05)
     assert [joint.coulomb_friction for joint in robot.joints] == pytest.approx([0.6] * 7, abs=0.05)
-    told = json.loads(figures.read_text())
-    assert len(told["parameters"]) == 69 and max(told["validated"]["rms"]) < 0.2
-    assert [each["value"] for each in told["parameters"] if each["name"] == "Fv.panda_joint1"] == pytest.approx(
-        [1.5], abs=0.05
-    )
+    results = json.loads(figures.read_text())
+    assert len(results["parameters"]) == 69 and max(results["validated"]["rms"]) < 0.2
+    values = [entry["value"] for entry in results["parameters"] if entry["name"] == "Fv.panda_joint1"]
+    assert values == pytest.approx([1.5], abs=0.05)
 
 
-def test_pieces_between_gaps_that_are_too_short_are_left_out_and_said(bags, tmp_path, capsys):
+def test_short_pieces_between_gaps_are_left_out_and_reported(bags, tmp_path, capsys):
     motion = panda_motion(times=uneven_times("pieces", 40.0), viscous=1.5, coulomb=0.6)
     bag, figures = write_bag(tmp_path / "run", messages(motion)), tmp_path / "fit.json"
     assert main(["identify", str(bag), "--robot", "panda", "--json", str(figures)]) == 0
-    assert "samples are in stretches too short to be filtered, and were left out" in capsys.readouterr().out
-    friction = [each["value"] for each in json.loads(figures.read_text())["parameters"] if each["name"][:2] == "Fv"]
+    assert "samples are in segments too short to be filtered and were skipped" in capsys.readouterr().out
+    parameters = json.loads(figures.read_text())["parameters"]
+    friction = [parameter["value"] for parameter in parameters if parameter["name"][:2] == "Fv"]
     assert friction == pytest.approx([1.5] * 7, abs=0.15)
 
 
-def test_a_description_without_masses_gets_them(tmp_path, capsys):
-    """A Unitree Z1 all <inertial> of which were removed: what is fitted has the efforts of the whole robot."""
+def test_identify_completes_a_description_without_masses(tmp_path, capsys):
+    """The robot is a Unitree Z1 without <inertial> elements; the fitted robot has the efforts of the original."""
     text = real_urdf("z1")
     model = pin.buildModelFromXML(text)
     bare, fitted = tmp_path / "bare.urdf", tmp_path / "fitted.yaml"
@@ -72,58 +72,60 @@ def test_a_description_without_masses_gets_them(tmp_path, capsys):
     assert "48 base parameters with 14 of friction and 7 of drives" in capsys.readouterr().out
     robot = load_robot(fitted)
     assert not robot.is_massless
-    other = panda_motion(5.0, seed=2, model=model)
+    validation = panda_motion(5.0, seed=2, model=model)
     order = [names.index(name) for name in Dynamics(robot).joint_names]
-    efforts = Dynamics(robot).inverse(*(values[:, order] for values in (other.q, other.qd, other.qdd)))
-    assert np.abs(efforts - other.efforts[:, order]).max() < 0.02 * np.abs(other.efforts).max()
+    efforts = Dynamics(robot).inverse(*(values[:, order] for values in (validation.q, validation.qd, validation.qdd)))
+    assert np.abs(efforts - validation.efforts[:, order]).max() < 0.02 * np.abs(validation.efforts).max()
 
 
-def test_what_cannot_be_is_refused(bags, tmp_path, capsys):
+def test_wrong_options_are_refused(bags, tmp_path, capsys):
     folder = tmp_path / "folder.yaml"
     folder.mkdir()
     for arguments, expected in (
-        (["--hold-out", "2"], "0 to 0.95"), (["--hold-out", "0.5", "--validate", bags[1]], "one of the two"),
+        (["--hold-out", "2"], "0 to 0.95"), (["--hold-out", "0.5", "--validate", bags[1]], "use one of the two"),
         (["--band", "70"], "between 0 and 50"), (["--output", folder], "folder.yaml cannot be written"),
-        (["--output", tmp_path / "x.urdf"], "x.urdf: YAML is written: a file that ends with .yaml or .yml is needed"),
+        (["--output", tmp_path / "x.urdf"], "x.urdf: the path of the output file must end with"),
         (["--output-drives", tmp_path / "x"], "--output-drives"),
-        (["--json", bags[0] / "metadata.yaml"], "metadata.yaml is what was read"),
+        (["--json", bags[0] / "metadata.yaml"], "metadata.yaml is an input file"),
     ):  # fmt: skip
         assert main(["identify", str(bags[0]), "--robot", "panda", *map(str, arguments)]) == 1
         assert expected in capsys.readouterr().err
 
 
-def test_what_is_read_is_not_written_over(tmp_path, capsys):
+def test_input_files_are_not_overwritten(tmp_path, capsys):
     files = {name: tmp_path / name for name in ("run.csv", "other.csv", "drives.yaml", "values.yaml", "robot.yaml")}
     for name, file in files.items():
         file.write_text(f"kept {name}")
-    run, other, drives, values, robot = map(str, files.values())
-    reads = ["identify", run, "--validate", other, "--robot", robot, "--drives", drives, "--values", values]
+    run, validation, drives, values, robot = map(str, files.values())
+    command = ["identify", run, "--validate", validation, "--robot", robot, "--drives", drives, "--values", values]
     same = str(tmp_path / ".." / tmp_path.name / "run.csv")
-    for written in (["--output", same], ["--output-drives", drives], ["--json", other], ["--output", values],
+    for output in (["--output", same], ["--output-drives", drives], ["--json", validation], ["--output", values],
                     ["--output", robot]):  # fmt: skip
-        assert main([*reads, *written]) == 1
-        assert f"{written[1]} is what was read" in capsys.readouterr().err
+        assert main([*command, *output]) == 1
+        assert f"{output[1]} is an input file" in capsys.readouterr().err
     for arguments, expected in ((["replay-check", run, "--robot", robot, "--report", run], run),
                                 (["excite", robot, "--output", robot], robot),
                                 (["map", robot, "--over", "x:0:1:2", "--csv", robot], robot)):  # fmt: skip
         assert main(arguments) == 1
-        assert f"{expected} is what was read" in capsys.readouterr().err
+        assert f"{expected} is an input file" in capsys.readouterr().err
     assert all(file.read_text() == f"kept {name}" for name, file in files.items())
 
 
-def test_efforts_that_were_not_measured_are_not_fitted_as_zeros(tmp_path, capsys):
+def test_missing_efforts_are_not_fitted_as_zeros(tmp_path, capsys):
     motion = panda_motion(12.0)
-    told = np.column_stack([motion.times, motion.q])
-    path, head = tmp_path / "run.csv", ",".join(["time", *(f"{name}.position" for name in JOINTS)])
-    np.savetxt(path, told, delimiter=",", header=head, comments="")
+    columns = np.column_stack([motion.times, motion.q])
+    path, header = tmp_path / "run.csv", ",".join(["time", *(f"{name}.position" for name in JOINTS)])
+    np.savetxt(path, columns, delimiter=",", header=header, comments="")
     assert main(["identify", str(path), "--robot", "panda"]) == 1
-    told = capsys.readouterr().err
-    assert "efforts were not measured of panda_joint1" in told and "columns panda_joint1.effort" in told
+    message = capsys.readouterr().err
+    assert "no measured efforts of panda_joint1" in message and "columns panda_joint1.effort" in message
     efforts = motion.efforts.copy()
     efforts[:, 2] = np.nan
     bag = write_bag(tmp_path / "run", messages(motion._replace(efforts=efforts)))
     assert main(["identify", str(bag), "--robot", "panda"]) == 1
-    assert "efforts were not measured of panda_joint3: those of all joints" in capsys.readouterr().err
+    assert (
+        "no measured efforts of panda_joint3: identification needs the efforts of all joints" in capsys.readouterr().err
+    )
 
 
 CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]
@@ -131,7 +133,7 @@ CONSTANTS = np.array([9.1, 12.8, 11.0, 10.2, 6.3, 7.7, 5.9])  # [N m/A]
 
 @pytest.fixture(scope="module")
 def currents(tmp_path_factory):
-    """Currents instead of efforts, without noise, of a bare Panda and of one that carries 2.5 kg, nobody says where."""
+    """Currents without noise of a bare Panda and of one with a payload of 2.5 kg at an unknown position."""
     folder, bags = tmp_path_factory.mktemp("currents"), []
     for name, model in (("bare", None), ("loaded", loaded_panda(2.5, (0.02, 0.01, 0.18), 0.01))):
         motion = panda_motion(30.0, 50.0, seed=len(bags), viscous=1.5, coulomb=0.6, model=model)
@@ -139,22 +141,22 @@ def currents(tmp_path_factory):
     return bags
 
 
-def test_gains_from_currents_to_efforts_are_found_and_written(currents, tmp_path, capsys):
+def test_drive_gains_are_identified_from_currents_and_written(currents, tmp_path, capsys):
     bare, loaded = map(str, currents)
     fitted, drives, figures = (str(tmp_path / name) for name in ("panda.yaml", "drives.yaml", "fit.json"))
-    told = ["identify", bare, loaded, "--robot", "panda", "--gains", "--known-payload", f"{loaded}=panda_link8:2.5"]
-    assert main([*told, "--output", fitted, "--output-drives", drives, "--json", figures, "--jobs", "2"]) == 0
+    command = ["identify", bare, loaded, "--robot", "panda", "--gains", "--known-payload", f"{loaded}=panda_link8:2.5"]
+    assert main([*command, "--output", fitted, "--output-drives", drives, "--json", figures, "--jobs", "2"]) == 0
     printed = capsys.readouterr().out
-    assert "Efforts of motors by what was measured" in printed and "48 base parameters" in printed
+    assert "Drive gains: motor efforts per measured value" in printed and "48 base parameters" in printed
     assert load_drives(drives, JOINTS).effort_gains == pytest.approx(CONSTANTS, rel=0.01)
-    told = json.loads(open(figures).read())["gains"]
-    assert [each["name"] for each in told] == list(JOINTS)
-    assert [each["gain"] for each in told] == pytest.approx(CONSTANTS, rel=0.01)
+    gains = json.loads(open(figures).read())["gains"]
+    assert [gain["name"] for gain in gains] == list(JOINTS)
+    assert [gain["gain"] for gain in gains] == pytest.approx(CONSTANTS, rel=0.01)
     assert main(["replay-check", bare, "--robot", fitted, "--drives", drives]) == 0
     assert main(["replay-check", bare, "--robot", "panda"]) == 3
 
 
-def test_gains_that_nothing_tells_are_refused(currents, capsys):
+def test_gains_without_suitable_recordings_are_refused(currents, capsys):
     bare, loaded = map(str, currents)
     assert main(["identify", bare, loaded, "--robot", "panda", "--gains"]) == 1
     assert "twice the masses and twice the gains" in capsys.readouterr().err
@@ -163,25 +165,25 @@ def test_gains_that_nothing_tells_are_refused(currents, capsys):
     assert "runs without it" in capsys.readouterr().err
 
 
-def test_payloads_are_understood_or_refused(currents):
+def test_known_payloads_are_parsed_or_refused(currents):
     robot = load_robot("panda")
     recordings = [open_recording(path, direct_drives(JOINTS)) for path in currents]
     loaded = str(currents[1])
 
-    def told(*payloads, gains=True, fitted=2):
+    def parse(*payloads, gains=True, fitted=2):
         arguments = Namespace(known_payload=list(payloads), gains=gains, recordings=currents[:fitted])
         return parse_known_payloads(arguments, robot, recordings)
 
-    assert told(f"{loaded}=panda_link8:2.5") == {loaded: Payload("panda_link8", 2.5)}
+    assert parse(f"{loaded}=panda_link8:2.5") == {loaded: Payload("panda_link8", 2.5)}
     for payloads, expected in (
         ([f"{loaded}=panda_link8"], "RECORDING=LINK:MASS is needed"), ([loaded], "RECORDING=LINK:MASS is needed"),
         ([f"{loaded}=panda_link8:-1"], "RECORDING=LINK:MASS is needed"), ([f"{loaded}=panda_link9:1"], "panda_link9"),
-        ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "none of the recordings"),
+        ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "not one of the recordings"),
         (2 * [f"{loaded}=panda_link8:1"], "has a payload already"),
     ):  # fmt: skip
         with pytest.raises(RobotDynamicsError, match=expected):
-            told(*payloads)
-    with pytest.raises(RobotDynamicsError, match="give both"):
-        told(f"{loaded}=panda_link8:1", gains=False)
+            parse(*payloads)
+    with pytest.raises(RobotDynamicsError, match="only with --gains"):
+        parse(f"{loaded}=panda_link8:1", gains=False)
     with pytest.raises(RobotDynamicsError, match="in no recording that is fitted"):
-        told(f"{loaded}=panda_link8:1", fitted=1)
+        parse(f"{loaded}=panda_link8:1", fitted=1)

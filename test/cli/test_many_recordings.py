@@ -1,4 +1,4 @@
-"""Many recordings, in this process, in several, and on a Dask cluster of processes: the answers are the same."""
+"""Many recordings in this process, in several processes, and on a Dask cluster: the results are equal."""
 
 import json
 import os
@@ -12,12 +12,12 @@ from robot_dynamics.cli.executors import open_executor
 from robot_dynamics.cli.main import main
 from robot_dynamics.errors import RobotDynamicsError
 
-CLOSED = "tcp://127.0.0.1:9"  # the port of `discard`, where nobody listens
+CLOSED = "tcp://127.0.0.1:9"  # the port of `discard`, without a listener
 
 
 @pytest.fixture(scope="module")
 def bags(tmp_path_factory):
-    """Three motions of one Panda; in the last one a joint is pushed from 6 s on."""
+    """Three recordings of a Panda; in the last recording a joint is pushed after 6 s."""
     folder = tmp_path_factory.mktemp("bags")
     motions = [panda_motion(10.0 + seed, seed=seed) for seed in (1, 2, 3)]
     efforts = motions[2].efforts.copy()
@@ -34,77 +34,77 @@ def cluster():
         yield started
 
 
-def done_by(cluster):
-    """{kind: how many tasks of it} that the processes of a cluster have done so far."""
+def completed_tasks(cluster):
+    """Return the numbers of tasks that a cluster has completed, by the name of the function."""
     return {name.strip("_"): prefix.state_counts["memory"] for name, prefix in cluster.scheduler.task_prefixes.items()}
 
 
 def identified(bags, path, *arguments):
-    told = ["identify", *bags[:2], "--validate", bags[2], "--robot", "panda", "--method", "robust", "--json", path]
-    assert main([*map(str, told), *arguments]) == 0
+    command = ["identify", *bags[:2], "--validate", bags[2], "--robot", "panda", "--method", "robust", "--json", path]
+    assert main([*map(str, command), *arguments]) == 0
     return json.loads(path.read_text())
 
 
-def same(one, other):
-    """Whether plain data are the same, numbers to 1e-9."""
-    if isinstance(one, dict):
-        assert one.keys() == other.keys()
-        return all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list):
-        return len(one) == len(other) and all(map(same, one, other))
-    return one == pytest.approx(other, rel=1e-9, abs=1e-12) if isinstance(one, float) else one == other
+def equal(first, second):
+    """Whether plain data are equal, numbers to 1e-9."""
+    if isinstance(first, dict):
+        assert first.keys() == second.keys()
+        return all(equal(first[key], second[key]) for key in first)
+    if isinstance(first, list):
+        return len(first) == len(second) and all(map(equal, first, second))
+    return first == pytest.approx(second, rel=1e-9, abs=1e-12) if isinstance(first, float) else first == second
 
 
-def test_identification_is_the_same_whoever_gathers(bags, cluster, tmp_path, capfd):
-    here = identified(bags, tmp_path / "here.json")
+def test_identification_is_equal_with_every_executor(bags, cluster, tmp_path, capfd):
+    local = identified(bags, tmp_path / "here.json")
     capfd.readouterr()
-    there = identified(bags, tmp_path / "there.json", "--scheduler", cluster.scheduler_address)
+    distributed = identified(bags, tmp_path / "there.json", "--scheduler", cluster.scheduler_address)
     assert capfd.readouterr().err == ""
-    assert done_by(cluster) == {"with_notes": 2 * (1 + 6 + 1) + 1}  # unweighted, six rounds of weights, residuals
-    assert same(here, there) and len(here["parameters"]) == 69 and here["trained"]["samples"] > 2000
-    assert any("ends of stretches" in note for note in here["notes"])
+    assert completed_tasks(cluster) == {"run_task": 2 * (1 + 6 + 1) + 1}  # unweighted, six rounds of weights, residuals
+    assert equal(local, distributed) and len(local["parameters"]) == 69 and local["trained"]["samples"] > 2000
+    assert any("ends of segments" in note for note in local["notes"])
 
 
-def test_checks_are_the_same_whoever_does_them(bags, cluster, tmp_path, capfd):
+def test_checks_are_equal_with_every_executor(bags, cluster, tmp_path, capfd):
     text = tmp_path / "notes.mcap"
     text.write_text("hello")
-    told = ["replay-check", *map(str, [*bags, text]), "--robot", "panda", "--faults"]
-    answers, outputs = [], []
+    command = ["replay-check", *map(str, [*bags, text]), "--robot", "panda", "--faults"]
+    results, outputs = [], []
     reports = ["--report", str(tmp_path / "out")]
     for arguments in (reports, ["--jobs", "2"], ["--scheduler", cluster.scheduler_address]):
         figures = tmp_path / "all.json"
-        assert main([*told, "--json", str(figures), *arguments]) == 3
-        answers.append(json.loads(figures.read_text()))
+        assert main([*command, "--json", str(figures), *arguments]) == 3
+        results.append(json.loads(figures.read_text()))
         outputs.append(capfd.readouterr().out)
-    assert same(answers[0], answers[1]) and same(answers[0], answers[2]) and len(set(outputs)) == 1
-    assert done_by(cluster)["outcome"] == 4
+    assert equal(results[0], results[1]) and equal(results[0], results[2]) and len(set(outputs)) == 1
+    assert completed_tasks(cluster)["check_path"] == 4
     assert "2 passed, 1 FAILED, 1 not checked" in outputs[0]
-    recordings = answers[0]["recordings"]
-    assert [each["passed"] for each in recordings] == [True, True, False, None]
+    recordings = results[0]["recordings"]
+    assert [entry["passed"] for entry in recordings] == [True, True, False, None]
     assert recordings[2]["since"] == 6.0 and "is no bag" in recordings[3]["refused"]
     written = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert len(written) == 3 and written[0].endswith("run_0.html")
-    joints = {each["joint"]: each for each in answers[0]["joints"]}
+    joints = {entry["joint"]: entry for entry in results[0]["joints"]}
     assert [name for name in JOINTS if joints[name]["failed"]] == ["panda_joint4"]
-    residuals = [each["joints"][3]["rms"] ** 2 * each["joints"][3]["samples"] for each in recordings[:3]]
-    samples = sum(each["joints"][3]["samples"] for each in recordings[:3])
+    residuals = [entry["joints"][3]["rms"] ** 2 * entry["joints"][3]["samples"] for entry in recordings[:3]]
+    samples = sum(entry["joints"][3]["samples"] for entry in recordings[:3])
     assert joints["panda_joint4"]["rms"] == pytest.approx(np.sqrt(sum(residuals) / samples))
     assert joints["panda_joint4"]["worst"] == str(bags[2])
 
 
-def test_what_cannot_be_done_is_told(bags, capsys):
+def test_wrong_executors_are_refused(bags, capsys):
     several = [str(bag) for bag in bags[:2]]
     for arguments, expected in (
         ([*several, "--jobs", "0"], "at least one"),
-        ([*several, "--jobs", "2", "--scheduler", CLOSED], "one of the two"),
-        ([*several, "--scheduler", "nonsense://"], "no Dask scheduler answers"),
-        ([*several, "--golden", several[0]], "one recording"),
+        ([*several, "--jobs", "2", "--scheduler", CLOSED], "use one of the two"),
+        ([*several, "--scheduler", "nonsense://"], "no Dask scheduler responds"),
+        ([*several, "--golden", several[0]], "take one recording, not 2"),
     ):  # fmt: skip
         assert main(["replay-check", *arguments, "--robot", "panda"]) == 1
         assert expected in capsys.readouterr().err
 
 
-def test_a_process_that_dies_is_told():
+def test_killed_process_is_reported():
     with (
         pytest.raises(RobotDynamicsError, match="--jobs 2"),
         open_executor(Namespace(jobs=2, scheduler=None)) as executor,

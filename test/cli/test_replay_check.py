@@ -1,4 +1,4 @@
-"""`robot-dynamics replay-check`: what it prints, writes and ends with."""
+"""`robot-dynamics replay-check`: its output, files and exit status."""
 
 import json
 from pathlib import Path
@@ -26,33 +26,33 @@ def run(*arguments):
     return main(["replay-check", *map(str, arguments)])
 
 
-def test_a_fitting_model_passes_and_a_fault_has_its_own_exit_status(tmp_path, capsys):
-    good, bad = (write_bag(tmp_path / name, messages(told)) for name, told in (("good", MOTION), ("bad", faulty())))
+def test_exit_status_is_0_for_a_fitting_model_and_3_for_a_fault(tmp_path, capsys):
+    good, bad = (write_bag(tmp_path / name, messages(motion)) for name, motion in (("good", MOTION), ("bad", faulty())))
     assert run(good, "--robot", "panda") == 0
-    told = capsys.readouterr()
-    assert told.out.endswith("\npassed\n") and told.err == ""  # no progress bar in a pipe
-    assert all(name in told.out for name in JOINTS) and "1174 samples at 100 Hz" in told.out
+    printed = capsys.readouterr()
+    assert printed.out.endswith("\npassed\n") and printed.err == ""  # no progress bar in a pipe
+    assert all(name in printed.out for name in JOINTS) and "1174 samples at 100 Hz" in printed.out
     assert run(bad, "--robot", "panda") == 3
-    told = capsys.readouterr().out
-    assert "panda_joint4: out of tolerance from 7 s on" in told and told.endswith("since 7 s\n")
-    assert told.count("FAILED") == 2
+    printed = capsys.readouterr().out
+    assert "panda_joint4: out of tolerance from 7 s on" in printed and printed.endswith("since 7 s\n")
+    assert printed.count("FAILED") == 2
 
 
-def test_json_and_pictures_say_the_same(tmp_path, capsys):
+def test_json_and_pictures_agree_with_the_check(tmp_path, capsys):
     bag = write_bag(tmp_path / "bad", messages(faulty()))
     assert run(bag, "--robot", "panda", "--json", tmp_path / "out" / "check.json", "--pictures", tmp_path / "png") == 3
-    told = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert told["passed"] is False and told["since"] == 7.0
-    assert [joint["joint"] for joint in told["joints"] if not joint["passed"]] == ["panda_joint4"]
-    residual = np.zeros(1174)  # without the 13 at either end that the filter cannot know
+    results = json.loads((tmp_path / "out" / "check.json").read_text())
+    assert results["passed"] is False and results["since"] == 7.0
+    assert [joint["joint"] for joint in results["joints"] if not joint["passed"]] == ["panda_joint4"]
+    residual = np.zeros(1174)  # without 13 samples at each end, which the filter needs
     residual[687:] = 10
-    assert told["joints"][3]["rms"] == pytest.approx(np.sqrt((residual**2).mean()), rel=0.02)
+    assert results["joints"][3]["rms"] == pytest.approx(np.sqrt((residual**2).mean()), rel=0.02)
     for name in ("efforts", "histograms", "friction"):
         picture = imread(tmp_path / "png" / f"{name}.png")
         assert picture.shape[1] > 1000 and picture[..., :3].std() > 0.05
 
 
-def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
+def test_exit_status_is_1_for_recordings_that_cannot_be_checked(tmp_path, capsys):
     text = tmp_path / "notes.mcap"
     text.write_text("hello")
     short = write_bag(tmp_path / "short", messages(MOTION)[:2])
@@ -61,13 +61,13 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
     lame = write_bag(tmp_path / "lame", messages(MOTION._replace(q=MOTION.q[:, :6]), JOINTS[:6]))
     silent = write_bag(tmp_path / "silent", messages(MOTION._replace(efforts=0 * MOTION.efforts)))
     for path, expected in (
-        (text, "is no bag"), (tmp_path / "nowhere", "is not there"), (short, "2 samples of the joints"),
+        (text, "is no bag"), (tmp_path / "nowhere", "does not exist"), (short, "2 samples of the joints"),
         (chatter, "has no topic of sensor_msgs/msg/JointState"), (lame, "joints missing: panda_joint7"),
         (silent, "nothing was measured"),
     ):  # fmt: skip
         assert run(path, "--robot", "panda") == 1
-        told = capsys.readouterr()
-        assert told.err.startswith("robot-dynamics replay-check: ") and expected in told.err, told.err
+        printed = capsys.readouterr()
+        assert printed.err.startswith("robot-dynamics replay-check: ") and expected in printed.err, printed.err
     good = write_bag(tmp_path / "good", messages(MOTION))
     for arguments, expected in (
         (["--topic", "/joint_state"], "did you mean '/joint_states'"), (["--cutoff", "60"], "between 0 and 50"),
@@ -79,13 +79,13 @@ def test_what_cannot_be_checked_is_told_and_ends_with_one(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("verb", ["replay-check", "identify"])
-def test_robots_with_joints_without_motor_are_refused_before_anything_is_read(verb, capsys):
+def test_robots_with_unactuated_joints_are_refused_before_reading(verb, capsys):
     assert main([verb, "nowhere.csv", "--robot", "manutec_r3"]) == 1
-    told = capsys.readouterr().err
-    assert "no motor drives spring_1, spring_2, spring_3: recordings are taken of robots all joints of which" in told
+    message = capsys.readouterr().err
+    assert "no motor drives spring_1, spring_2, spring_3: recordings are read for robots whose independent" in message
 
 
-def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, capsys):
+def test_golden_bag_contains_the_predictions_and_detects_changes(tmp_path, capsys):
     bag, golden = write_bag(tmp_path / "run", messages(MOTION)), tmp_path / "golden"
     assert run(bag, "--robot", "panda", "--write-golden", golden) == 0
     written = list(Bag(golden).samples(["/predicted_effort"]))
@@ -95,21 +95,21 @@ def test_a_golden_bag_has_what_was_predicted_and_finds_what_changed(tmp_path, ca
     assert np.abs(np.array([sample.effort for sample in written]) - MOTION.efforts[13:-13])[100:-100].max() < 0.05
     capsys.readouterr()
     assert run(bag, "--robot", "panda", "--golden", golden) == 0
-    told = capsys.readouterr().out
-    assert told.count("predicted efforts are those of the golden bag") == 1 and told.endswith("\npassed\n")
+    printed = capsys.readouterr().out
+    assert printed.count("predicted efforts are those of the golden bag") == 1 and printed.endswith("\npassed\n")
     heavier = tmp_path / "heavier.urdf"
     heavier.write_text(shipped_robots()["panda"].read_text().replace('mass value="0.735522"', 'mass value="0.7356"'))
     assert heavier.read_text() != shipped_robots()["panda"].read_text()
     figures = tmp_path / "check.json"
     assert run(bag, "--robot", heavier, "--golden", golden, "--json", figures) == 3
-    told = capsys.readouterr().out
-    assert "panda_joint4: predicted effort differs from the golden bag" in told and told.endswith("\nFAILED\n")
-    assert "predicted efforts are those" not in told and "\npassed" not in told
-    told = json.loads(figures.read_text())
-    assert told["passed"] is False and any("panda_joint4" in each for each in told["golden"])
+    printed = capsys.readouterr().out
+    assert "panda_joint4: predicted effort differs from the golden bag" in printed and printed.endswith("\nFAILED\n")
+    assert "predicted efforts are those" not in printed and "\npassed" not in printed
+    results = json.loads(figures.read_text())
+    assert results["passed"] is False and any("panda_joint4" in difference for difference in results["golden"])
     for arguments, expected in (
-        (["--write-golden", golden], "is there already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
-        (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden is not there"),
+        (["--write-golden", golden], "exists already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
+        (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden does not exist"),
     ):  # fmt: skip
         assert run(bag, "--robot", "panda", *arguments) == 1
         assert expected in capsys.readouterr().err
@@ -126,16 +126,16 @@ def browser():
         launched.close()
 
 
-def test_the_report_opens_in_a_browser_without_network(tmp_path, browser):
+def test_report_opens_in_a_browser_without_network(tmp_path, browser):
     bag = write_bag(tmp_path / "bad", messages(faulty()))
     assert run(bag, "--robot", "panda", "--report", tmp_path / "report.html") == 3
-    page, complaints, asked = browser.new_page(), [], []
-    page.on("console", lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None)
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
+    page, errors, requests = browser.new_page(), [], []
+    page.on("console", lambda message: errors.append(message.text) if message.type in ("error", "warning") else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: requests.append(request.url))
     page.goto(f"file://{tmp_path / 'report.html'}")
     page.wait_for_function("document.querySelectorAll('.plotly-graph-div .main-svg').length > 0", timeout=30_000)
-    assert [url for url in asked if not url.startswith(("file:", "data:", "blob:"))] == []
+    assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
     rows = page.locator("#joints tr").all_inner_texts()
     assert len(rows) == 8 and [name for name, row in zip(JOINTS, rows[1:], strict=True) if name in row] == list(JOINTS)
     assert page.locator("#joints .failed").count() == 1 and page.locator("#segments tr").count() == 2
@@ -143,7 +143,7 @@ def test_the_report_opens_in_a_browser_without_network(tmp_path, browser):
         traces = page.evaluate(f"document.getElementById('joint-{number}').data.map(t => [t.name, t.x.length || 1200])")
         assert [name for name, _ in traces] == ["measured", "predicted", "residual"]
         lines = page.locator(f"#joint-{number} .scatterlayer .trace path.js-line")
-        lengths = [len(line.get_attribute("d")) for line in lines.all()]  # the residual may be as flat as a line
+        lengths = [len(line.get_attribute("d")) for line in lines.all()]  # the residual may be a straight line
         assert len(lengths) == 3 and min(lengths) > 10 and min(lengths[:2]) > 500
     before = page.evaluate("document.getElementById('joint-3').layout.xaxis.range")
     plot = page.locator("#joint-3 .nsewdrag").first
@@ -156,5 +156,5 @@ def test_the_report_opens_in_a_browser_without_network(tmp_path, browser):
     page.wait_for_timeout(800)
     after = page.evaluate("document.getElementById('joint-3').layout.xaxis.range")
     assert after[1] - after[0] == pytest.approx(0.1 * (before[1] - before[0]), rel=0.15)
-    assert complaints == []
+    assert errors == []
     page.close()

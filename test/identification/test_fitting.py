@@ -1,4 +1,4 @@
-"""Identification of a Panda whose truth is known: efforts by Pinocchio, friction and noise that were put in."""
+"""Identification of a Panda with known parameters: efforts of Pinocchio with added friction and noise."""
 
 import os
 import pickle
@@ -23,13 +23,13 @@ from robot_dynamics.recordings.joint_motions import Motion
 
 RUNS = int(os.environ.get("NOISY_RUNS", "12"))
 DYNAMICS = Dynamics(load_robot("panda"))
-COLUMNS = build_identification_model(DYNAMICS, direct_drives(JOINTS))
+MODEL = build_identification_model(DYNAMICS, direct_drives(JOINTS))
 OFFSETS = np.array([0.1, -0.2, 0.05, 0.0, 0.3, -0.1, 0.02])
 MOTION = panda_motion(duration=40.0, rate=50.0, viscous=VISCOUS, coulomb=COULOMB)
 
 
 class Known:
-    """A recording of which motions are known as they were, with noise on the efforts. Two pieces, without a gap."""
+    """A recording with exact motions and noise on the efforts, in two pieces without a gap."""
 
     name, notes = "known", ()
 
@@ -52,23 +52,23 @@ def efforts(seed=None):
 
 
 def truth():
-    return known_panda.truth(COLUMNS, OFFSETS)
+    return known_panda.truth(MODEL, OFFSETS)
 
 
 def fit_of(measured, method="weighted", **settings):
-    return fit_parameters(Samples([Known(measured)], COLUMNS, **settings), method=method)
+    return fit_parameters(Samples([Known(measured)], MODEL, **settings), method=method)
 
 
 @pytest.mark.parametrize("method", ["ordinary", "weighted", "robust"])
-def test_without_noise_the_truth_comes_back(method):
+def test_fit_without_noise_returns_the_true_parameters(method):
     fit = fit_of(efforts(), method)
     assert np.abs(fit.values - truth()).max() < 1e-6
     assert fit.training_quality.rms_unfiltered.max() < 1e-8 and fit.condition < 200 and fit.warnings == ()
-    assert COLUMNS.inertial_count == 48 and len(COLUMNS.names) == 48 + 14 + 7
+    assert MODEL.inertial_count == 48 and len(MODEL.names) == 48 + 14 + 7
 
 
 def error_statistics(runs):
-    """(χ² of each run, how often 95 % intervals cover) for noise on the efforts."""
+    """χ² of each run, and the fraction of 95 % intervals that cover the truth, for noise on the efforts."""
     statistic, covered = [], []
     for seed in range(runs):
         fit = fit_of(efforts(seed))
@@ -78,28 +78,28 @@ def error_statistics(runs):
     return np.array(statistic), np.mean(covered)
 
 
-def test_errors_are_as_large_as_they_are_said_to_be():
-    """Of 12 runs here; of 200 in `make soak`."""
+def test_errors_are_as_large_as_estimated():
+    """There are 12 runs here, and 200 in `make soak`."""
     statistic, covered = error_statistics(RUNS)
-    P = len(COLUMNS.names)
+    P = len(MODEL.names)
     above = int((statistic > chi2.ppf(0.999, P)).sum())
     print(f"{RUNS} runs: χ² of {P} parameters {statistic.mean():.1f} in the mean, {statistic.max():.1f} at most,")
     print(f"{above} above {chi2.ppf(0.999, P):.1f}, the 99.9 % quantile; 95 % intervals cover {100 * covered:.1f} %")
-    assert above <= binom.ppf(0.999, RUNS, 0.001)  # as chance has it
+    assert above <= binom.ppf(0.999, RUNS, 0.001)  # expected by chance
     assert statistic.mean() == pytest.approx(P, rel=0.2) and 0.90 < covered < 0.99
 
 
-def test_robust_least_squares_survives_collisions():
+def test_robust_least_squares_tolerates_collisions():
     measured = efforts(0)
     rng = np.random.default_rng(1)
     for start in rng.integers(0, len(measured) - 20, 12):
         measured[start : start + 10] += rng.choice([-1, 1], 7) * 30 * NOISE
-    error = {method: np.abs(fit_of(measured, method).values - truth()) / np.maximum(fit_of(efforts(0)).standard_deviations, 1e-9)
-             for method in ("weighted", "robust")}  # fmt: skip
+    scale = np.maximum(fit_of(efforts(0)).standard_deviations, 1e-9)
+    error = {method: np.abs(fit_of(measured, method).values - truth()) / scale for method in ("weighted", "robust")}
     assert np.sqrt((error["robust"] ** 2).mean()) < 0.5 * np.sqrt((error["weighted"] ** 2).mean())
 
 
-def test_weights_make_the_quiet_joints_count():
+def test_weights_improve_the_offsets_of_joints_with_low_noise():
     errors = {}
     for method in ("ordinary", "weighted"):
         offsets = [(fit_of(efforts(seed), method).values - truth())[-7:] for seed in (1, 2)]
@@ -107,7 +107,7 @@ def test_weights_make_the_quiet_joints_count():
     assert errors["weighted"] < errors["ordinary"]
 
 
-def test_what_the_motion_does_not_show_is_said_and_not_essential():
+def test_parameters_without_excitation_are_reported_and_not_essential():
     moved = MOTION._replace(q=MOTION.q.copy(), qd=MOTION.qd.copy(), qdd=MOTION.qdd.copy())
     for array, value in ((moved.q, 0.3), (moved.qd, 0), (moved.qdd, 0)):
         array[:, 6] = value
@@ -117,27 +117,27 @@ def test_what_the_motion_does_not_show_is_said_and_not_essential():
             rows = moved.q, moved.qd, moved.qdd, self.efforts, self.efforts
             yield Motion(0.0, 50.0, 8.0, *rows, np.ones(7, dtype=bool))
 
-    fit = fit_parameters(Samples([Still(efforts(3))], COLUMNS))
-    assert any("does not show" in sentence and "Fv.panda_joint7" in sentence for sentence in fit.warnings)
-    brief = fit_parameters(Samples([Known(efforts(3))], COLUMNS, end_fraction=0.1))
+    fit = fit_parameters(Samples([Still(efforts(3))], MODEL))
+    assert any("does not excite" in sentence and "Fv.panda_joint7" in sentence for sentence in fit.warnings)
+    brief = fit_parameters(Samples([Known(efforts(3))], MODEL, end_fraction=0.1))
     assert brief.condition > 200 and any("condition number" in sentence for sentence in brief.warnings)
-    assert not select_essential_parameters(fit)[list(COLUMNS.names).index("Fv.panda_joint7")]
-    needed = select_essential_parameters(fit_of(efforts(3)))
-    assert needed[list(COLUMNS.names).index("Fv.panda_joint1")] and 30 < needed.sum() < len(COLUMNS.names)
+    assert not select_essential_parameters(fit)[list(MODEL.names).index("Fv.panda_joint7")]
+    essential = select_essential_parameters(fit_of(efforts(3)))
+    assert essential[list(MODEL.names).index("Fv.panda_joint1")] and 30 < essential.sum() < len(MODEL.names)
 
 
-def test_what_is_held_out_is_not_fitted():
-    samples = Samples([Known(efforts(0))], COLUMNS, end_fraction=0.6)
-    held = Samples([Known(efforts(0))], COLUMNS, start_fraction=0.6)
-    fit = fit_parameters(samples, validation=held)
+def test_held_out_samples_are_not_fitted():
+    samples = Samples([Known(efforts(0))], MODEL, end_fraction=0.6)
+    validation = Samples([Known(efforts(0))], MODEL, start_fraction=0.6)
+    fit = fit_parameters(samples, validation=validation)
     assert fit.training_quality.samples == 1200 and fit.validation_quality.samples == 800
     assert fit.training_quality.rms_unfiltered == pytest.approx(NOISE, rel=0.1)
     assert fit.validation_quality.rms_unfiltered == pytest.approx(NOISE, rel=0.15)
     with pytest.raises(RecordingError, match="no sample is left"):
-        fit_parameters(Samples([Known(efforts(0))], COLUMNS, end_fraction=0.02))
+        fit_parameters(Samples([Known(efforts(0))], MODEL, end_fraction=0.02))
 
 
-def test_factors_of_parts_are_those_of_the_whole_and_of_numpy():
+def test_triangular_factors_of_parts_agree_with_numpy():
     rng = np.random.default_rng(0)
     X, y, weights = rng.normal(size=(300, 3, 10)), rng.normal(size=(300, 3)), np.array([1.0, 4.0, 0.25])
     parts = (
@@ -145,20 +145,20 @@ def test_factors_of_parts_are_those_of_the_whole_and_of_numpy():
         + TriangularFactors.from_samples(X[7:200], y[7:200])
         + TriangularFactors.from_samples(X[200:], y[200:])
     )
-    found = solve_least_squares(*parts.weighted_system(weights))
+    solution = solve_least_squares(*parts.weighted_system(weights))
     root = np.sqrt(weights)
     expected, squares, *_ = np.linalg.lstsq((X * root[:, None]).reshape(-1, 10), (y * root).ravel(), rcond=None)
-    assert np.allclose(found.values, expected, atol=1e-12)
+    assert np.allclose(solution.values, expected, atol=1e-12)
     assert (weights * parts.residual_sum_of_squares(expected)).sum() == pytest.approx(squares[0])
     A = (X * root[:, None]).reshape(-1, 10)
-    assert np.allclose(found.covariance, np.linalg.inv(A.T @ A)) and parts.samples == 300
+    assert np.allclose(solution.covariance, np.linalg.inv(A.T @ A)) and parts.samples == 300
 
 
-def test_what_other_processes_send_does_not_grow_with_the_recording():
-    """And is what it is here: the Factors of both parts, added."""
-    whole = Samples([Known(efforts(0))], COLUMNS).accumulate_factors()
+def test_sums_from_other_processes_do_not_grow_with_the_recording():
+    """The sums of two parts add up to those of the whole recording."""
+    whole = Samples([Known(efforts(0))], MODEL).accumulate_factors()
     start, end = (
-        Samples([Known(efforts(0))], COLUMNS, **part).accumulate_factors()
+        Samples([Known(efforts(0))], MODEL, **part).accumulate_factors()
         for part in ({"end_fraction": 0.3}, {"start_fraction": 0.3})
     )
     assert whole.rows > 3 * start.rows and len(pickle.dumps(whole)) == pytest.approx(len(pickle.dumps(start)), rel=0.01)
@@ -170,35 +170,35 @@ def pseudo_inertia(inertia):
     return np.block([[np.trace(J) / 2 * np.eye(3) - J, MS[:, None]], [MS[None], np.array([[inertia.mass]])]])
 
 
-def test_inertias_that_are_written_can_exist_and_fit_as_well():
-    """Of noisy data, which by themselves lead to bodies that cannot be."""
-    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
+def test_consistent_robot_has_valid_inertias_and_fits_as_well():
+    """The noisy data lead to inconsistent bodies without constraints."""
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
     noisy = MOTION.efforts + OFFSETS + 5 * NOISE * np.random.default_rng(0).normal(size=MOTION.efforts.shape)
     fit = fit_of(noisy)
-    found = fit_consistent_robot(fit)
-    for link in found.robot.links[1:]:
+    consistent = fit_consistent_robot(fit)
+    for link in consistent.robot.links[1:]:
         assert np.linalg.eigvalsh(pseudo_inertia(link.inertia)).min() > 0
-    assert found.robot.warnings == ()
+    assert consistent.robot.warnings == ()
     assert all(min(joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction) >= 0
-               for joint in found.robot.joints)  # fmt: skip
-    quality = Samples([Known(noisy)], COLUMNS).quality(found.values)
+               for joint in consistent.robot.joints)  # fmt: skip
+    quality = Samples([Known(noisy)], MODEL).quality(consistent.values)
     assert (quality.rms < 1.02 * fit.training_quality.rms).all()
     assert (
         quality.rms
         > 0.999 * fit.training_quality.rms.mean() * fit.training_quality.rms / fit.training_quality.rms.mean()
     ).all()
-    again = Dynamics(load_robot(write_mdh_yaml(found.robot)))
-    predicted = again.inverse(MOTION.q, MOTION.qd, MOTION.qdd) + found.drives.effort_offsets
+    again = Dynamics(load_robot(write_mdh_yaml(consistent.robot)))
+    predicted = again.inverse(MOTION.q, MOTION.qd, MOTION.qdd) + consistent.drives.effort_offsets
     clean = MOTION.efforts + OFFSETS
     assert (np.sqrt(((predicted - clean) ** 2).mean(0)) < 5 * NOISE * 0.25).all()
 
 
-def test_the_nearest_robot_to_the_truth_is_the_truth():
-    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
-    found = fit_consistent_robot(fit_of(efforts(0)))
-    error = np.abs(found.values - truth()) / fit_of(efforts(0)).standard_deviations
+def test_consistent_robot_agrees_with_the_truth():
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
+    consistent = fit_consistent_robot(fit_of(efforts(0)))
+    error = np.abs(consistent.values - truth()) / fit_of(efforts(0)).standard_deviations
     assert np.sqrt((error**2).mean()) < 1.5
-    assert found.drives.effort_offsets == pytest.approx(OFFSETS, abs=0.1)
+    assert consistent.drives.effort_offsets == pytest.approx(OFFSETS, abs=0.1)
 
 
 def test_robots_with_loops_are_identified():
@@ -217,7 +217,7 @@ def test_robots_with_loops_are_identified():
         def motions(self, statistics, *, cutoff=None, progress=None):
             yield Motion(0.0, 100.0, 8.0, q, qd, qdd, self.efforts, self.efforts, np.ones(2, dtype=bool))
 
-    columns = build_identification_model(dynamics, direct_drives(dynamics.joint_names))
-    fit = fit_parameters(Samples([Loops(measured)], columns))
-    expected = np.concatenate([columns.grouping_matrix @ dynamics.parameters, np.zeros(2)])
+    model = build_identification_model(dynamics, direct_drives(dynamics.joint_names))
+    fit = fit_parameters(Samples([Loops(measured)], model))
+    expected = np.concatenate([model.grouping_matrix @ dynamics.parameters, np.zeros(2)])
     assert np.abs((fit.values - expected) / fit.standard_deviations).max() < 5

@@ -1,8 +1,8 @@
-"""Identification of real robots from recordings that lie beside the checkout, where they are: a UR10
+"""Identification of real robots from recordings beside the checkout, if present: a UR10
 (unisa-acg/inverse-dynamics-solver, BSD-3) and a Staubli TX40 (thanhndv212/figaroh-plus, Apache-2.0).
 
-Expected are the residuals [N m] that an independent analysis of the same recordings reached with Pinocchio, at the same
-cut-offs, and frictions that were published of the TX40. Base parameters are counted as in the literature."""
+The expected residuals [N m] are those of an independent analysis of the same recordings with Pinocchio at the same
+cut-offs; the expected frictions of the TX40 are published. Base parameters are counted as in the literature."""
 
 import numpy as np
 import pytest
@@ -34,10 +34,12 @@ class Robot:
         self.cutoff = cutoff
 
     def fit(self, held_out=0.0, rotor_inertia=True):
-        columns = build_identification_model(self.dynamics, self.drives, rotor_inertia=rotor_inertia)
-        told = Samples([self.recording], columns, cutoff=self.cutoff, end_fraction=1 - held_out)
-        held = Samples([self.recording], columns, cutoff=self.cutoff, start_fraction=1 - held_out) if held_out else None
-        return fit_parameters(told, validation=held)
+        model = build_identification_model(self.dynamics, self.drives, rotor_inertia=rotor_inertia)
+        training = Samples([self.recording], model, cutoff=self.cutoff, end_fraction=1 - held_out)
+        validation = (
+            Samples([self.recording], model, cutoff=self.cutoff, start_fraction=1 - held_out) if held_out else None
+        )
+        return fit_parameters(training, validation=validation)
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ def test_ur10_without_rotors_fits_with_36_base_parameters(ur10):
     assert (fit.training_quality.rms > expected / FACTOR).all() and fit.condition < 59 * FACTOR
 
 
-def test_ur10_of_two_thousand_samples_fits_the_others(ur10):
+def test_ur10_fit_of_two_thousand_samples_is_valid_for_the_others(ur10):
     fit = ur10.fit(held_out=1441 / 3441)
     assert fit.model.inertial_count == 40 and len(fit.model.names) == 40 + 18
     expected = np.array([3.66, 4.30, 2.16, 1.05, 0.61, 1.87])
@@ -70,11 +72,11 @@ def test_ur10_of_two_thousand_samples_fits_the_others(ur10):
     assert fit.validation_quality.samples == pytest.approx(1441, abs=20)
 
 
-def test_the_fitted_ur10_passes_the_tolerances_that_ship(ur10, tmp_path):
-    pytest.importorskip("clarabel", reason="clarabel, which finds inertias that bodies can have, is not installed")
-    found = fit_consistent_robot(ur10.fit())
-    (tmp_path / "drives.yaml").write_text(write_drives(found.drives))
-    dynamics = Dynamics(load_robot(write_mdh_yaml(found.robot), strict=True))
+def test_fitted_ur10_passes_the_default_tolerances(ur10, tmp_path):
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
+    consistent = fit_consistent_robot(ur10.fit())
+    (tmp_path / "drives.yaml").write_text(write_drives(consistent.drives))
+    dynamics = Dynamics(load_robot(write_mdh_yaml(consistent.robot), strict=True))
     drives = load_drives(tmp_path / "drives.yaml", dynamics.joint_names)
     recording = open_recording(REAL_DATA / "ur10" / "ur10_unisa_mcap", drives)
     checked = check(recording, dynamics, load_tolerances(), cutoff=8.0)
@@ -92,7 +94,7 @@ def test_tx40_fits_with_its_coupled_wrist(tx40):
     assert viscous == pytest.approx([8.05, 5.53, 1.97, 1.11, 1.86, 0.65], rel=0.15)
 
 
-def test_tx40_of_the_first_half_fits_the_second(tx40):
+def test_tx40_fit_of_the_first_half_is_valid_for_the_second(tx40):
     fit = tx40.fit(held_out=0.5)
     assert (fit.validation_quality.rms < FACTOR * np.array([2.24, 3.60, 1.27, 0.74, 1.29, 0.90])).all()
     assert fit.validation_quality.samples == pytest.approx(22500, abs=60)

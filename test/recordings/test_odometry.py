@@ -14,7 +14,7 @@ from robot_dynamics.checking.live_check import LiveCheck
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.cli.main import main
 from robot_dynamics.errors import InvalidInputError, RecordingError
-from robot_dynamics.identification.base_parameters import base_parameters
+from robot_dynamics.identification.base_parameters import compute_base_parameters
 from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.motion_samples import sample_random_motions
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
@@ -83,7 +83,7 @@ def test_commands_check_and_identify_a_flying_arm(bags, tmp_path, capsys):
 
 def test_base_parameters_of_joint_efforts_exclude_the_inertia_of_the_base():
     """The inertia of the flying body is in no row of the joints."""
-    columns, whole = build_identification_model(DYNAMICS, direct_drives(NAMES)), base_parameters(DYNAMICS)
+    columns, whole = build_identification_model(DYNAMICS, direct_drives(NAMES)), compute_base_parameters(DYNAMICS)
     assert columns.inertial_count < sum(
         not name.startswith(("Fv", "Fs")) for name in np.array(whole.names)[whole.independent]
     )

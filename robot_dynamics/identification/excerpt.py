@@ -1,0 +1,196 @@
+"""Regression rows of one recording: filtered, decimated, and summed for least squares.
+
+Efforts and regressor pass the same low-pass filter (parallel filtering), so that the filter has the same effect on both
+sides of the equations. The rows are then decimated. The remaining noise lies within the band of the filter, so that
+neighbouring samples are correlated; variances count the independent samples that the band allows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.array_types import Array
+from robot_dynamics.errors import RecordingError
+from robot_dynamics.identification.sample_sums import FactorSums, QualitySums
+from robot_dynamics.identification.triangular_factors import TriangularFactors
+from robot_dynamics.recordings.position_limits import note_limit_violations
+from robot_dynamics.recordings.sample_statistics import SampleStatistics
+from robot_dynamics.recordings.signals import filter_margin, lowpass
+
+if TYPE_CHECKING:
+    from robot_dynamics.identification.identification_model import EffortModel
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.recording import Recording
+
+MAX_BAND = 10.0  # [Hz] default band of the parallel filter if the cut-off of the motion is higher
+SAMPLES_PER_PERIOD = 4  # after decimation, of the highest frequency in the band
+NOISE_BANDWIDTH = 0.875 * (np.pi / 8) / np.sin(np.pi / 8)  # ∫ (1 + x⁸)⁻² dx: forward-backward filter of cut-off 1
+HUBER_THRESHOLD = 1.345  # [standard deviations] beyond which the robust method weights residuals linearly
+MIN_PIECE_SAMPLES = 100  # shorter pieces of motion are left out
+MAX_PIECE_SAMPLES = 20_000  # samples whose regressor is in memory at once
+
+
+@dataclass(frozen=True, eq=False)
+class ExcerptSettings:
+    """Filter and time range of the samples of recordings.
+
+    cutoff: [Hz] of the low-pass filter of the motions, None: its default; band: [Hz] of the parallel filter, None: the
+    cut-off, at most MAX_BAND; start_fraction, end_fraction: range of samples as fractions of the duration, 0 to 1.
+    """
+
+    cutoff: float | None = None
+    band: float | None = None
+    start_fraction: float = 0.0
+    end_fraction: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class RegressionRows:
+    """Filtered, decimated columns X (N, n, P) and efforts y (N, n) at times (N,) [s].
+
+    effective_samples: number of independent samples per row, at most 1.
+    """
+
+    times: Array
+    X: Array
+    y: Array
+    effective_samples: float
+
+
+class Excerpt:
+    """The regression rows of a time range of one recording.
+
+    Iteration computes the rows, and keeps them for the next iteration if they need less than cache_bytes. In another
+    process they are computed again. notes: sentences on samples that were left out, complete after an iteration.
+    """
+
+    def __init__(self, recording: Recording, model: EffortModel, settings: ExcerptSettings, cache_bytes: int) -> None:
+        self.recording = recording
+        self.model = model.for_recording(recording)
+        self.settings = settings
+        self.cache_bytes = cache_bytes
+        self.notes: list[str] = []
+        self._cached_rows: list[RegressionRows] | None = None
+        self._cached_duration: float | None = None
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**vars(self), "_cached_rows": None, "cache_bytes": 0}
+
+    def __iter__(self) -> Iterator[RegressionRows]:
+        if self._cached_rows is not None:
+            yield from self._cached_rows
+            return
+        cached: list[RegressionRows] = []
+        size = 0
+        for motion, core in self._pieces():
+            rows = self._regression_rows(motion, core)
+            size += rows.X.nbytes
+            if size < self.cache_bytes:
+                cached.append(rows)
+            yield rows
+        if size < self.cache_bytes:
+            self._cached_rows = cached
+
+    def accumulate_factors(self, values: Array | None = None, standard_deviations: Array | None = None) -> FactorSums:
+        """Sum the triangular factors; with values (P,) and standard deviations (n,): with Huber weights."""
+        total = FactorSums(None)
+        for rows in self:
+            weights = None
+            if values is not None and standard_deviations is not None:
+                deviation = np.abs(rows.y - rows.X @ values) / (HUBER_THRESHOLD * standard_deviations)
+                weights = 1 / np.maximum(1, deviation)
+            count = len(rows.y)
+            factors = TriangularFactors.from_samples(rows.X, rows.y, weights)
+            total = total + FactorSums(factors, rows.effective_samples * count, count)
+        return total
+
+    def quality_sums(self, values: Array) -> QualitySums:
+        """Sum the residuals of values (P,)."""
+        n = len(self.model.dynamics.joint_names)
+        total = QualitySums(np.zeros((3, n)), 0, np.zeros(n), 0)
+        for rows in self:
+            r = rows.X @ values - rows.y
+            sums = np.stack([(r * r).sum(0), (rows.y**2).sum(0), rows.y.sum(0)])
+            total = total + QualitySums(sums, len(rows.y), np.zeros(n), 0)
+        for piece, core in self._pieces():
+            motion = piece.slice_samples(core.start, core.stop)
+            r = self.model.motion_regressor(motion) @ values - self.model.efforts(motion)
+            total = total + QualitySums(np.zeros((3, n)), 0, (r * r).sum(0), len(motion))
+        return total
+
+    def _pieces(self) -> Iterator[tuple[Motion, slice]]:
+        """Yield pieces of motion that fit into memory, and the slice of samples without the margins of the filter."""
+        pending: Motion | None = None
+        first = 0
+        for motion in self._motions():
+            if pending is not None and abs(motion.time - pending.end) * motion.rate < 0.5:
+                pending = pending.concatenate(motion)
+            else:
+                if pending is not None and len(pending) > MIN_PIECE_SAMPLES:
+                    yield pending, slice(first, len(pending))
+                pending = motion
+                first = 0
+            margin = filter_margin(motion.rate, self._band(motion))
+            if len(pending) > MAX_PIECE_SAMPLES + first + margin:
+                yield pending, slice(first, len(pending) - margin)
+                pending = pending.slice_samples(len(pending) - 2 * margin, len(pending))
+                first = margin
+        if pending is not None and len(pending) > MIN_PIECE_SAMPLES:
+            yield pending, slice(first, len(pending))
+
+    def _motions(self) -> Iterator[Motion]:
+        """Yield the motions of the recording within the time range."""
+        settings = self.settings
+        statistics = SampleStatistics()
+        start = settings.start_fraction * self._duration()
+        end = settings.end_fraction * self._duration()
+        for motion in self.recording.motions(statistics, cutoff=settings.cutoff):
+            note_limit_violations(self.model.dynamics, motion, statistics)
+            self._require_efforts(motion)
+            first, last = np.searchsorted(motion.times, [start - 1e-9, end - 1e-9])
+            last = len(motion) if settings.end_fraction >= 1 else last
+            if last > first:
+                yield motion.slice_samples(first, last)
+        sentences = (*self.recording.notes, *statistics.sentences)
+        self.notes += [sentence for sentence in sentences if sentence not in self.notes]
+
+    def _require_efforts(self, motion: Motion) -> None:
+        """Raise RecordingError if a joint has no measured efforts: the zeros in their place would be fitted."""
+        if motion.has_efforts.all():
+            return
+        joints = np.array(self.model.dynamics.joint_names)[~motion.has_efforts]
+        notes = "".join(f"; {note}" for note in self.recording.notes)
+        raise RecordingError(
+            f"{self.recording.name}: no measured efforts of {', '.join(joints)}: identification needs the efforts of "
+            f"all joints{notes}"
+        )
+
+    def _duration(self) -> float:
+        """Duration [s] of the recording, read only if the time range depends on it."""
+        if self.settings.start_fraction <= 0 and self.settings.end_fraction >= 1:
+            return 0.0
+        if self._cached_duration is None:
+            segments = self.recording.signal_segments()
+            self._cached_duration = max((s.time + len(s) / s.rate for s in segments), default=0.0)
+        return self._cached_duration
+
+    def _band(self, motion: Motion) -> float:
+        band = min(MAX_BAND, motion.cutoff) if self.settings.band is None else self.settings.band
+        if not 0 < band < motion.rate / 2:
+            raise RecordingError(f"band of {band:g} Hz: a frequency between 0 and {motion.rate / 2:.4g} Hz is needed")
+        return band
+
+    def _regression_rows(self, motion: Motion, core: slice) -> RegressionRows:
+        """Filter and decimate the samples `core` of a motion."""
+        band = self._band(motion)
+        stride = max(1, int(motion.rate / (SAMPLES_PER_PERIOD * band)))
+        decimated = slice(core.start, core.stop, stride)
+        X = self.model.motion_regressor(motion)
+        columns = lowpass(X.reshape(len(X), -1), motion.rate, band)[decimated]
+        y = lowpass(self.model.efforts(motion), motion.rate, band)[decimated]
+        effective_samples = min(1.0, 2 * NOISE_BANDWIDTH * band * stride / motion.rate)
+        return RegressionRows(motion.times[decimated], columns.reshape(len(y), *X.shape[1:]), y, effective_samples)
