@@ -302,7 +302,7 @@ def test_robot_put_together_wrongly_is_refused():
         replace(robot, moving_base="fixed")
     with pytest.raises(DescriptionError, match="is on link 99"):
         replace(robot, frames=(*robot.frames, Frame("x", 99, np.eye(4))))
-    with pytest.raises(DescriptionError, match="is no frame"):
+    with pytest.raises(DescriptionError, match="has no frame"):
         replace(robot, frames=())
 
 

@@ -82,7 +82,7 @@ def test_gears_of_the_manutec_give_way_under_its_weight():
         ("config/panda.yaml", "The robot that ships is named 'panda', without"),
         ("PUMA560.par", "The robot that ships is named 'puma560', without"),
         ("pandas.urdf", "did you mean 'panda'?"),
-        ("/nowhere/ur5.urdf", "Of the robots that ship, 'ur5e' may be meant"),
+        ("/nowhere/ur5.urdf", "Did you mean the robot 'ur5e' that ships?"),
     ],
 )
 def test_a_misspelt_path_leads_to_the_robot_that_ships(path, hint):

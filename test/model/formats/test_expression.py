@@ -54,7 +54,7 @@ def test_names_functions_and_numbers(text, value):
         ("9^9^9", "math range error"),
         ("1e999", "inf: a finite number is needed"),
         ("__import__('os')", "has no meaning there"),
-        ("(" * 100_000 + "1" + ")" * 100_000, "200001 characters: 1000 at most"),
+        ("(" * 100_000 + "1" + ")" * 100_000, "200001 characters: the maximum is 1000"),
         (None, "None is no number"),
         (True, "True is no number"),
         ([1], "is no number"),

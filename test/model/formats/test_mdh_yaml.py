@@ -169,7 +169,7 @@ def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
         ("robot: a\njoints: []\n---\nrobot: b\n", "expected a single document"),
         (b"robot: \xff\xfe\n", "cannot be decoded"),
         ("robot: " + "[" * 100_000, "nested more than 40 deep"),
-        ("robot: a\njoints: []\nparameters: {a: " + "(" * 100_000 + "}", "100000 characters: 1000 at most"),
+        ("robot: a\njoints: []\nparameters: {a: " + "(" * 100_000 + "}", "100000 characters: the maximum is 1000"),
         ("robot: " + "a" * 10_000_000, "10000007 characters: more than 1048576"),
         ("robot: \x00", "is no YAML"),
         ("a: &a [1]\nb: [*a, *a]", "anchors and aliases are not read"),

@@ -146,7 +146,7 @@ BAD = {
     "no mu": (
         "mu = {1,0,1,0,0,0,0,0,0,0}\n",
         "",
-        "par: mu missing: where loops are closed it tells which joints motors",
+        "par: mu missing: a robot with loops needs it to distinguish actuated joints",
     ),
     "no d": ("d = {0,d,0,d,d,0,0,d,0.3,0.1}\n", "", "par: d missing: the table of the frames needs ant,"),
     "too few frames": (
@@ -159,14 +159,14 @@ BAD = {
     "frames": (
         "NF = 10",
         "NF = 9",
-        "line 4: NF = 9: NF = 2 NJ - NL = 10 is needed .*two for each of 3 cut joints.*leave",
+        "line 4: NF = 9: NF = 2 NJ - NL = 10 is needed .*two for each of 3 cut joints.*omit",
     ),
     "joints": (
         "NJ = 7",
         "NJ = 3",
         "line 3: NJ = 3 joints cannot move NL = 4 links: NJ = NL in a tree, and one joint more",
     ),
-    "more than a description has": ("NJ = 7", "NJ = 1900", "line 3: NJ = 1900: more frames than 2000 are not read"),
+    "more than a description has": ("NJ = 7", "NJ = 1900", "line 3: NJ = 1900: the maximum is 2000 frames"),
     "frame k+B that moves": (
         "0,2,1,2,2,2}",
         "0,2,1,0,2,2}",
@@ -176,14 +176,14 @@ BAD = {
     "one link": (
         "{0,1,0,3,4,2,1,2,3,8}",
         "{0,1,0,3,4,2,1,5,3,8}",
-        "line 6: rows 5 and 8, which are to coincide, are on",
+        "line 6: rows 5 and 8, which must coincide, are on",
     ),
     "names of loops": (
         "NL = 4",
         "(* Loops = 'a', 'b' *)\nNL = 4",
         "line 2: the comment Loops = has 2 names: there are 3",
     ),
-    "loop twice": ("NL = 4", "(* Loops = 'a', 'b', 'a' *)\nNL = 4", "par: loop 'a' is there more than once"),
+    "loop twice": ("NL = 4", "(* Loops = 'a', 'b', 'a' *)\nNL = 4", "par: loop 'a' is defined more than once"),
     "no stiffness": ("k = {0,0,0,0,30,0,0}\n", "", "line 16: row 5 is elastic, but the list k is missing"),
 }
 

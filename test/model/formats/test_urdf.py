@@ -84,8 +84,8 @@ BAD = {
     "prefix that is not declared and a crossed tag": (changed(JOINT, JOINT + "<a:b></a:c>"), "not well-formed"),
     "no link": ('<robot name="r"/>', "no <link>"),
     "link without name": (changed('<link name="a"/>', "<link/>"), "line 2: this <link> has no name"),
-    "two links of a name": (changed('<link name="b">', '<link name="a">'), "'a' is there already, at line 2"),
-    "two joints of a name": (changed(JOINT, JOINT + JOINT), "joint 'j' is there already"),
+    "two links of a name": (changed('<link name="b">', '<link name="a">'), "'a' is already defined at line 2"),
+    "two joints of a name": (changed(JOINT, JOINT + JOINT), "joint 'j' is already defined"),
     "unknown joint type": (changed("revolute", "revolut"), "line 4: joint 'j' has type 'revolut': known are"),
     "planar joint": (changed("revolute", "planar"), "'planar': known are"),
     "no joint type": (changed(' type="revolute"', ""), "type None"),
@@ -133,7 +133,7 @@ BAD = {
     "origin of a joint": (changed("<axis", '<origin rpy="0 0"/><axis'), "joint 'j': <origin> has rpy='0 0'"),
     "negative damping": (changed("<axis", '<dynamics damping="-1"/><axis'), "damping -1 is negative"),
     "limit is NaN": (changed("<axis", '<limit lower="nan"/><axis'), "<limit> has lower='nan'"),
-    "mimic without joint": (changed("<axis", "<mimic/><axis"), "<mimic> does not say which joint"),
+    "mimic without joint": (changed("<axis", "<mimic/><axis"), "<mimic> lacks joint"),
     "axis too long": (changed('xyz="0 0 1"', 'xyz="0 1e200 0"'), "far from a unit vector"),
     "digits of another script": (changed('mass value="1"', 'mass value="٣"'), "value='٣', a number is needed"),
     "second origin": (changed("<axis", "<origin/><origin/><axis"), "joint 'j' has a second <origin>"),
@@ -173,18 +173,18 @@ LEFT_OVER = {
     "namespace of XInclude, unused": (changed("<robot", '<robot xmlns:xi="http://www.w3.org/2001/XInclude"'), ()),
     "call of a macro of sensors": (
         with_xacro(JOINT, f'<xacro:imu rate="5"/>\n{JOINT}\n<xacro:imu/>\n<xacro:camera><x/></xacro:camera>'),
-        ("line 4 and 1 more: <xacro:imu> is left out", "line 7: <xacro:camera> is left out"),
+        ("line 4 and 1 more: <xacro:imu> is ignored", "line 7: <xacro:camera> is ignored"),
     ),
     "call of a macro of colours": (
-        with_xacro("</link>", "\n<visual><xacro:grey/></visual></link>"), ("line 4: <xacro:grey> is left out",),
+        with_xacro("</link>", "\n<visual><xacro:grey/></visual></link>"), ("line 4: <xacro:grey> is ignored",),
     ),
     "prefix that is not declared": (
         changed(JOINT, JOINT + '\n<gazebo reference="b">\n<sensor:camera name="rgb" a:b="1"/></gazebo>'),
-        ("line 6: <sensor:camera> is left out",),
+        ("line 6: <sensor:camera> is ignored",),
     ),
     "joint of a plugin with a prefix that is not declared": (
         changed("</robot>", "\n<gazebo><c:plugin><joint>j</joint></c:plugin></gazebo></robot>"),
-        ("line 6: <c:plugin> is left out",),
+        ("line 6: <c:plugin> is ignored",),
     ),
     "attribute whose prefix is not declared": (changed('<link name="b"', '<link my:colour="red" name="b"'), ()),
     "prefixes of simulators": (
@@ -233,8 +233,8 @@ def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
         (b"\xff\xfe\x00", "cannot be decoded|not well-formed"),
         (b'<?xml version="1.0" encoding="klingon"?>' + GOOD.encode(), "klingon"),
         (b'<?xml version="1.0" encoding="undefined"?>' + GOOD.encode(), "cannot be decoded"),
-        ("/dev/zero", "is no file"),
-        ("/", "is no file"),
+        ("/dev/zero", "is not a file"),
+        ("/", "is not a file"),
         ("a\0b", "cannot be read"),
         (None, "None"),
         (42, "42"),
@@ -262,7 +262,7 @@ def test_doctype_does_not_hide_in_another_encoding(tmp_path):
 
 def test_pipe_is_no_description(tmp_path):
     os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
-    with pytest.raises(DescriptionError, match="is no file"):
+    with pytest.raises(DescriptionError, match="is not a file"):
         load_robot(tmp_path / "pipe")
 
 

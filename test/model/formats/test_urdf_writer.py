@@ -252,7 +252,7 @@ def test_names_that_are_added_differ_from_those_of_links_and_joints():
 LOSSES = {
     "rotor inertia": (one_joint(rotor_inertia=0.25), "joint 'j': rotor inertia 0.25 kg m²"),
     "spring": (one_joint(spring=Spring(50.0, 0.1, 2.0)), "joint 'j': spring of stiffness 50 N m/rad, rest 0.1 rad"),
-    "passive": (one_joint(actuated=False), "joint 'j': that no motor drives it"),
+    "passive": (one_joint(actuated=False), "joint 'j': role passive"),
     "gravity": (replace(one_joint(), gravity=(0, 0, 9.81)), r"gravity \[0.0, 0.0, 9.81\] m/s²"),
     "massless": (one_joint(body=Inertia(0.0, (1, 0, 0), np.eye(3))), "link 'tip': first moments"),
     "nearly massless": (one_joint(body=Inertia(1e-17, (1, 0, 0), np.eye(3))), "mass of 1e-17 kg"),
@@ -281,8 +281,8 @@ def test_loop_is_told_as_lost_and_the_link_without_mass_at_its_cut_stays():
         frames=(*robot.frames, Frame("cut_link", 2, np.eye(4))),
         loops=(Loop("cut", LoopEnd(2, np.eye(4)), LoopEnd(0, np.eye(4))),),
     )
-    told = "joint 'cut': that no motor drives it, initial position 0.5 rad; loop 'cut', which closes link 'cut_link' on"
-    with pytest.raises(DescriptionError, match=f"URDF cannot say {told} link 'base'"):
+    told = "joint 'cut': role passive, initial position 0.5 rad; loop 'cut', which closes link 'cut_link' on"
+    with pytest.raises(DescriptionError, match=f"URDF cannot represent {told} link 'base'"):
         write_urdf(robot)
     text = write_urdf(robot, lossy=True)
     assert "loop 'cut', which closes" in text.split("<robot")[0]
@@ -294,7 +294,7 @@ def test_loop_is_told_as_lost_and_the_link_without_mass_at_its_cut_stays():
 def test_long_list_of_losses_ends_with_a_count_in_the_error_and_is_whole_in_the_comment():
     robot = random_robot(0, joints=26)
     robot = replace(robot, joints=tuple(replace(joint, rotor_inertia=0.5, actuated=False) for joint in robot.joints))
-    with pytest.raises(DescriptionError, match=r"j20': rotor inertia .*motor drives it; \.\.\. and 6 more\."):
+    with pytest.raises(DescriptionError, match=r"j20': rotor inertia .*role passive; \.\.\. and 6 more\."):
         write_urdf(robot)
     assert "'j26': rotor inertia" in write_urdf(robot, lossy=True).split("<robot")[0]
 
@@ -319,8 +319,8 @@ REFUSED = {
     "robot of no name": (one_joint(robot=None), "robot None: a text is needed"),
 }
 for name in ("", "a\0", "a\x1b[0m", "\ud800", "\uffff", "a\x0b", 7):
-    REFUSED[f"joint {name!r}"] = one_joint(name=name), "joint .*(XML cannot hold|a text is needed)"
-    REFUSED[f"link {name!r}"] = one_joint(link=name), "link .*(XML cannot hold|a text is needed)"
+    REFUSED[f"joint {name!r}"] = one_joint(name=name), "joint .*(XML has no character|a text is needed)"
+    REFUSED[f"link {name!r}"] = one_joint(link=name), "link .*(XML has no character|a text is needed)"
 
 
 @pytest.mark.parametrize("case", REFUSED)

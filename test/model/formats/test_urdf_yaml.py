@@ -121,7 +121,7 @@ def test_urdf_that_cannot_be_read_is_told_with_its_own_place(tmp_path):
         load_robot(tmp_path / "bars.yaml")
     (tmp_path / "bars.urdf").unlink()
     (tmp_path / "bars.urdf").mkdir()
-    with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is no file"):
+    with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is not a file"):
         load_robot(tmp_path / "bars.yaml")
 
 

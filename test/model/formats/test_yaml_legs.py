@@ -159,11 +159,11 @@ def test_coordinates_place_the_named_frame_of_the_platform_whatever_the_frames()
 
 def test_what_other_formats_cannot_say_of_a_platform_is_told():
     robot = read_mdh_yaml(PLANAR)
-    assert any("'plate' is the platform, and free to move by x, y, yaw" in told for told in par_losses(robot))
-    assert any("'plate' is the platform, and free to move by x, y, yaw" in told for told in urdf_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in told for told in par_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in told for told in urdf_losses(robot))
 
 
-@pytest.mark.parametrize(("kept", "told"), [(0, "no leg holds it"), (1, "one leg alone holds it")])
+@pytest.mark.parametrize(("kept", "told"), [(0, "no leg holds it"), (1, "only one leg holds it")])
 def test_platform_on_fewer_than_two_legs_is_doubtful(kept, told):
     robot = read_mdh_yaml(PLANAR)
     loose = replace(robot, loops=robot.loops[:kept])
@@ -237,11 +237,15 @@ def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
 
 WRITTEN = {
     "unknown joint": ("coordinates: [plate_x", "coordinates: [plate_w", "unknown joint 'plate_w'"),
-    "another order": ("coordinates: [plate_x, plate_y", "coordinates: [plate_y, plate_x", "in their order, not by"),
+    "another order": (
+        "coordinates: [plate_x, plate_y",
+        "coordinates: [plate_y, plate_x",
+        "in their order, must connect",
+    ),
     "too few": ("coordinates: [plate_x, ", "coordinates: [", "5 entries: a list of 6 joints"),
     "body told twice": ("\n  coordinates:", "\n  mass: 1\n  coordinates:", "tell mass: leave it out"),
     "unknown link": ("platform:\n  link: plate", "platform:\n  link: palte", "unknown link 'palte'"),
-    "another link": ("platform:\n  link: plate", "platform:\n  link: rail", "by the six joints of its coordinates"),
+    "another link": ("platform:\n  link: plate", "platform:\n  link: rail", "the six joints of its coordinates"),
     "motor": ("role: passive\n    limits: {lower: -0.1, upper: 0.5}", "limits: {}", "have neither motors nor springs"),
     "axes": ("link: plate_y\n    antecedent: plate_x\n    type: prismatic\n    mdh: {gamma: pi/2", "", ""),
 }

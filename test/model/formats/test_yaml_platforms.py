@@ -87,8 +87,11 @@ def test_coordinates_that_have_rows_must_lie_on_the_base():
     text = write_mdh_yaml(read_mdh_yaml(STACK))
     assert text.count("base: bench") == 1
     for right, reason in (
-        ("", "by the six joints of its coordinates, in their order, not by 'upper_x', "),
-        ("base: turntable", "must lie on that of the base where they are zero"),
+        (
+            "",
+            "the six joints of its coordinates, in their order, must connect the platform to its base, not 'upper_x', ",
+        ),
+        ("base: turntable", "must coincide with that of the base where they are zero"),
         ("base: banch", "the base of a platform: unknown link 'banch': did you mean 'bench'"),
     ):
         with pytest.raises(DescriptionError, match=reason):
