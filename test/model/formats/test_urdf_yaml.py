@@ -108,7 +108,7 @@ def test_text_that_came_from_no_file_opens_none(tmp_path):
     for path in ("bars.urdf", str(tmp_path / "bars.urdf")):
         with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is a path, but this"):
             load_robot(BESIDE.replace("bars.urdf", path))
-        with pytest.raises(DescriptionError, match=r"topic, line 1, column 7: .*put the text of the URDF there"):
+        with pytest.raises(DescriptionError, match=r"topic, line 1, column 7: .*give the text of the URDF instead"):
             read_robot(BESIDE.replace("bars.urdf", path), source="topic")
 
 
@@ -160,18 +160,18 @@ MISTAKES = {
     "passive with spring": (
         "hip: elastic",
         "hip: passive",
-        "joint 'hip': a passive joint that has a spring",
+        "joint 'hip': a passive joint with a spring",
     ),
-    "role of a follower": ("hip: elastic", "hip: elastic, copy: passive", "joint 'copy': a joint that follows another"),
-    "cut joint": ("hip: elastic", "hip: elastic, knee: passive", "loop 'knee' is cut at that joint: what it is stands"),
+    "role of a follower": ("hip: elastic", "hip: elastic, copy: passive", "joint 'copy': a mimic joint"),
+    "cut joint": ("hip: elastic", "hip: elastic, knee: passive", "loop 'knee' is cut at that joint: describe"),
     "negative stiffness": ("stiffness: 3", "stiffness: -3", "joint 'hip': stiffness -3 is negative"),
     "no number": ("shoulder: 0.5", "shoulder: left", "unknown name 'left'"),
-    "name of a joint": ("joint: knee", "joint: hip", "joint 'hip' is there already"),
+    "name of a joint": ("joint: knee", "joint: hip", "joint 'hip' is already defined"),
     "unknown antecedent": ("antecedent: left_tip", "antecedent: left_top", "unknown link 'left_top': did you mean"),
     "joint as antecedent": ("antecedent: third", "antecedent: copy", "'copy' is a joint: it moves 'third'"),
     "two ways to say it": ("loops:", "joints: []\nloops:", "'joints': a robot has its joints here or in its urdf"),
     "misspelt key": ("roles:", "rolls:", "unknown key 'rolls': did you mean 'roles'"),
-    "empty": ("urdf: bars.urdf", "urdf: ''", "is not right: the path of a URDF"),
+    "empty": ("urdf: bars.urdf", "urdf: ''", "is invalid: the path of a URDF"),
 }
 
 

@@ -117,19 +117,19 @@ def frames_of_the_loop(robot, variable):
 
 
 MISTAKES = {
-    "motor": ("role: elastic", "role: actuated", 14, 11, "no motor can drive joint 'knee', where the loop is cut: cut"),
+    "motor": ("role: elastic", "role: actuated", 14, 11, "joint 'knee' cannot be actuated, because the loop is cut"),
     "elastic without spring": ("    spring: {stiffness: 3, rest: 0.1}\n", "", 14, 11, "needs a spring"),
     "spring without role": ("    role: elastic\n", "", 14, 13, "role missing: elastic"),
-    "passive with spring": ("role: elastic", "role: passive", 14, 11, "a passive joint that has a spring is elastic"),
-    "joint twice": ("joint: knee", "joint: rocker", 10, 12, "joint 'rocker' is there already"),
+    "passive with spring": ("role: elastic", "role: passive", 14, 11, "a passive joint with a spring is elastic"),
+    "joint twice": ("joint: knee", "joint: rocker", 10, 12, "joint 'rocker' is already defined"),
     "loop twice": (
         "loops:\n",
         "loops:\n  - {joint: knee, type: fixed, moved: {antecedent: pin}, closed_on: {antecedent: input}}\n",
         11,
         12,
-        "loop 'knee' is there already",
+        "loop 'knee' is already defined",
     ),
-    "link twice": ("type: revolute", "link: output", 11, 11, "link or frame 'output' is there already"),
+    "link twice": ("type: revolute", "link: output", 11, 11, "link or frame 'output' is already defined"),
     "unknown antecedent": (
         "antecedent: pin,",
         "antecedent: pni,",
@@ -143,14 +143,14 @@ MISTAKES = {
         "mdh: {}, xyz: [0.2",
         13,
         51,
-        "mdh and xyz say the same twice",
+        "mdh and xyz exclude each other",
     ),
     "friction of a weld": (
         "type: revolute",
         "type: fixed",
         14,
         11,
-        "has no joint variable: leave out role",
+        "has no joint variable: omit role",
     ),
     "type that is none": ("type: revolute", "type: ball", 11, 11, "is none of revolute, prismatic, fixed, spherical"),
     "frame left out": ("    closed_on:", "    #", 10, 5, "closed_on missing"),
@@ -160,7 +160,7 @@ MISTAKES = {
         "    mimic: {joint: crank}\n    limits:",
         18,
         5,
-        "where a loop is cut no joint",
+        "a cut joint mimics no other",
     ),
     "negative friction": ("coulomb_friction: 0.4", "coulomb_friction: -1", 10, 5, "coulomb_friction -1 is negative"),
     "degrees": ("alpha: 0.3", "alpha: 30", 12, 43, "radians(30)"),
@@ -182,7 +182,7 @@ def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
 def test_named_frame_as_antecedent_is_refused_with_what_would_be_right():
     text = FOUR_BAR.replace("antecedent: pin,", "antecedent: tip,") + "frames:\n  - {frame: tip, link: coupler}\n"
     with pytest.raises(
-        DescriptionError, match="line 12, column 25: frame 'tip' is placed after the loops: its link is"
+        DescriptionError, match="line 12, column 25: frame 'tip' is defined after the loops: give its link"
     ):
         read_mdh_yaml(text)
 

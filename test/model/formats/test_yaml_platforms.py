@@ -59,16 +59,20 @@ MISTAKES = {
     "which one a leg meets": (
         FIRST_COPY,
         "",
-        "there are many platforms (upper, lower): platform: {ante",
+        "there are several platforms (upper, lower): name one of them, platform: {ante",
     ),
     "leg to another link": (
         "antecedent: lower, mdh: {gamma",
         "antecedent: bench, mdh: {gamma",
         "unknown platform 'bench'",
     ),
-    "one and many": ("platforms:\n", "platform: {link: third, mass: 1}\nplatforms:\n", "told in one list"),
+    "one and many": (
+        "platforms:\n",
+        "platform: {link: third, mass: 1}\nplatforms:\n",
+        "platform and platforms exclude each other",
+    ),
     "none": (STACK[STACK.index("platforms:") : STACK.index("legs:")], "platforms: []\n", "a list of platforms"),
-    "twice": ("link: upper, base: bench", "link: lower, base: bench", "'lower_x' is there already"),
+    "twice": ("link: upper, base: bench", "link: lower, base: bench", "'lower_x' is already defined"),
     "no inertia": ("free: [x, y, yaw], mass: 4,", "free: [x, y, yaw], mass: 0,", "platform 'lower' has no inertia"),
 }
 
@@ -89,7 +93,7 @@ def test_coordinates_that_have_rows_must_lie_on_the_base():
     for right, reason in (
         (
             "",
-            "the six joints of its coordinates, in their order, must connect the platform to its base, not 'upper_x', ",
+            "in their order, must connect the platform to its base, not 'upper_x', ",
         ),
         ("base: turntable", "must coincide with that of the base where they are zero"),
         ("base: banch", "the base of a platform: unknown link 'banch': did you mean 'bench'"),
