@@ -57,5 +57,5 @@ def read_file_bytes(path: Path, max_length: int) -> bytes:
         reason = getattr(error, "strerror", None) or error
         raise DescriptionError(f"{name} cannot be read as a file ({reason})") from None
     if len(content) > max_length:
-        raise DescriptionError(f"{name} is too large for a description: the maximum is {max_length} bytes")
+        raise DescriptionError(f"{name} is too large: a description has at most {max_length} bytes")
     return content
