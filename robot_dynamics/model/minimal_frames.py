@@ -116,6 +116,7 @@ def _snap_rotation(matrix: ScalarArray, tolerance: float) -> Array:
     """Return a placement (4, 4) whose rotation has snapped angles."""
 
     def snap(angle: float) -> float:
+        """Return the multiple of 15° within the tolerance of an angle, else the angle [rad]."""
         nearest = round(angle / (math.pi / 12)) * (math.pi / 12)
         return nearest if abs(angle - nearest) <= tolerance else angle
 

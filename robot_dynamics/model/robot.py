@@ -158,7 +158,7 @@ class Robot:
             check_placement(f"frame {frame.name!r}", frame.placement)
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
-                raise DescriptionError(f"frame {link.name!r} is on another link than the one of its name")
+                raise DescriptionError(f"frame {link.name!r} is not on the link of its name")
 
     @property
     def platform(self) -> Platform | None:
@@ -224,7 +224,7 @@ class Robot:
             multiplier, offset = multiplier * mimic.multiplier, multiplier * mimic.offset + offset
             number = self.joint_numbers[mimic.joint]
             if number in passed:
-                raise DescriptionError(f"joint {self.joints[number].name!r} mimics itself, through other joints or not")
+                raise DescriptionError(f"joint {self.joints[number].name!r} mimics itself through a cycle of joints")
         return number, multiplier, offset
 
     @cached_property

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 from lark import Lark, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedToken, VisitError
@@ -60,9 +60,11 @@ class _Evaluator(Transformer):  # type: ignore[type-arg, unused-ignore]  # relea
     arguments = staticmethod(lambda *values: values)
 
     def name(self, token: str) -> float:
+        """Return the value of a name."""
         return _LOOKUP.get()(str(token))
 
     def call(self, token: str, values: tuple[float, ...]) -> float:
+        """Return the value of a function of the FUNCTIONS."""
         if token not in FUNCTIONS:
             raise _EvaluationError(describe_unknown_name("function", token, FUNCTIONS) + _degree_hint(token))
         function, count = FUNCTIONS[token]
@@ -76,6 +78,7 @@ _LOOKUP: ContextVar[Callable[[str], float]] = ContextVar("values of the names in
 
 @cache
 def _parser() -> Lark:
+    """Return the parser, which is built at the first use."""
     return Lark(GRAMMAR, parser="lalr", transformer=_Evaluator(), maybe_placeholders=False)
 
 
@@ -102,6 +105,7 @@ def evaluate(value: object, names: Mapping[str, float] | None = None) -> float:
     values = names or {}
 
     def lookup(name: str) -> float:
+        """Return the value of a name."""
         if name in values:
             return values[name]
         if name in CONSTANTS:
@@ -152,8 +156,7 @@ def _parse(text: object, lookup: Callable[[str], float]) -> float:
     _LOOKUP.set(lookup)
     reason: object
     try:
-        value: Any = _parser().parse(text)  # the transformer makes numbers of the tree
-        return value  # type: ignore[no-any-return]  # the types of lark know only trees
+        return cast("float", _parser().parse(text))  # the transformer replaces the tree by its value
     except VisitError as error:
         reason = error.orig_exc
         if not isinstance(reason, _EvaluationError | ArithmeticError | ValueError):

@@ -62,7 +62,7 @@ frames:
 """
 
 
-def test_each_copy_is_a_branch_of_its_own_with_a_suffix_to_its_names():
+def test_each_copy_of_a_leg_is_a_branch_with_a_suffix():
     robot = read_mdh_yaml(PLANAR)
     coordinates = [f"plate_{name}" for name in COORDINATES]
     right, left = ([f"{name}{suffix}" for name in ("hip", "knee", "geared")] for suffix in ("_1", "_left"))
@@ -105,7 +105,7 @@ def _moved(x):
     return matrix
 
 
-def test_parameters_of_a_copy_are_others_for_it_alone():
+def test_parameters_of_a_copy_apply_to_it_alone():
     robot = read_mdh_yaml(PLANAR)
     masses = [robot.links[robot.frame(name).link].inertia.mass for name in ("shin_1", "shin_left")]
     starts = [robot.joints[robot.joint_numbers[name]].initial_position for name in ("hip_1", "hip_left")]
@@ -113,7 +113,7 @@ def test_parameters_of_a_copy_are_others_for_it_alone():
     assert [link.inertia.mass for link in read_mdh_yaml(PLANAR, values={"w": 7}).links if "shin" in link.name] == [7, 3]
 
 
-def test_platform_is_described_in_its_own_frame_which_its_coordinates_place():
+def test_platform_is_described_in_its_own_frame():
     robot = read_mdh_yaml(PLANAR)
     assert robot.platform == Platform(6, (0, 1, 2, 3, 4, 5), ("x", "y", "yaw"))
     assert [joint.initial_position for joint in robot.joints[:6]] == pytest.approx([0.1, 0.9, 0, 0.2, 0, 0])
@@ -140,16 +140,20 @@ def test_robot_is_the_same_when_written_and_read(change):
         assert [end.link for end in loop.ends] == [
             end.link for end in same.ends
         ] and loop.is_spherical == same.is_spherical
-        for end, other in zip(loop.ends, same.ends, strict=True):
-            np.testing.assert_allclose(other.placement, end.placement, rtol=0, atol=1e-15)
+        for end, same_end in zip(loop.ends, same.ends, strict=True):
+            np.testing.assert_allclose(same_end.placement, end.placement, rtol=0, atol=1e-15)
 
 
-def test_coordinates_place_the_named_frame_of_the_platform_whatever_the_frames():
+def test_coordinates_place_the_named_frame_of_the_platform_in_any_link_frames():
     robot = read_mdh_yaml(PLANAR)
     alone = replace(robot, loops=())
     rng = np.random.default_rng(0)
-    for one in (alone, minimal_frames(alone), replace(read_mdh_yaml(write_mdh_yaml(minimal_frames(robot))), loops=())):
-        dynamics = Dynamics(one, compiled=False)
+    for variant in (
+        alone,
+        minimal_frames(alone),
+        replace(read_mdh_yaml(write_mdh_yaml(minimal_frames(robot))), loops=()),
+    ):
+        dynamics = Dynamics(variant, compiled=False)
         q = rng.uniform(-1, 1, (10, len(dynamics.joint_names)))
         poses = q[:, [dynamics.joint_names.index(f"plate_{name}") for name in COORDINATES]]
         for pose, (x, y, z, yaw, pitch, roll) in zip(dynamics.link_pose("plate", q), poses, strict=True):
@@ -157,21 +161,21 @@ def test_coordinates_place_the_named_frame_of_the_platform_whatever_the_frames()
             np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-14)
 
 
-def test_what_other_formats_cannot_say_of_a_platform_is_told():
+def test_platform_is_listed_as_lost_in_other_formats():
     robot = read_mdh_yaml(PLANAR)
-    assert any("'plate' is the platform, free to move in x, y, yaw" in told for told in par_losses(robot))
-    assert any("'plate' is the platform, free to move in x, y, yaw" in told for told in urdf_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in loss for loss in par_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in loss for loss in urdf_losses(robot))
 
 
-@pytest.mark.parametrize(("kept", "told"), [(0, "no leg holds it"), (1, "only one leg holds it")])
-def test_platform_on_fewer_than_two_legs_is_doubtful(kept, told):
+@pytest.mark.parametrize(("kept", "message"), [(0, "no leg holds it"), (1, "only one leg holds it")])
+def test_platform_on_fewer_than_two_legs_causes_a_warning(kept, message):
     robot = read_mdh_yaml(PLANAR)
     loose = replace(robot, loops=robot.loops[:kept])
-    assert any(told in warning for warning in loose.warnings)
+    assert any(message in warning for warning in loose.warnings)
     assert not any("holds it" in warning for warning in robot.warnings)
 
 
-def test_robot_needs_no_joints_beside_its_legs():
+def test_joints_list_may_be_absent_beside_legs():
     text = PLANAR[: PLANAR.index("joints:")] + PLANAR[PLANAR.index("legs:") :].replace("antecedent: rail", "")
     assert [joint.name for joint in read_mdh_yaml(text).joints][6] == "hip_1"
 
@@ -231,14 +235,14 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
+def test_malformed_table_is_refused_with_line_column_and_remedy(mistake):
     wrong, right, line, column, reason = MISTAKES[mistake]
     text = PLANAR.replace(wrong, right, 1)
     assert text != PLANAR
     with pytest.raises(DescriptionError) as refusal:
         read_mdh_yaml(text, source="legs.yaml")
-    told = str(refusal.value)
-    assert reason in told and told.startswith(f"legs.yaml, line {line}, column {column}: "), told
+    message = str(refusal.value)
+    assert reason in message and message.startswith(f"legs.yaml, line {line}, column {column}: "), message
 
 
 WRITTEN = {
@@ -258,7 +262,7 @@ WRITTEN = {
 
 
 @pytest.mark.parametrize("mistake", WRITTEN)
-def test_mistake_in_coordinates_that_have_rows_is_told(mistake):
+def test_malformed_coordinate_rows_are_refused_with_a_reason(mistake):
     wrong, right, reason = WRITTEN[mistake]
     text = write_mdh_yaml(read_mdh_yaml(PLANAR))
     if mistake == "axes":

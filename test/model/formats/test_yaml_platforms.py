@@ -15,7 +15,7 @@ from robot_dynamics.model.platform import COORDINATES
 STACK = planar_stack("gears")
 
 
-def test_each_platform_hangs_on_what_it_stands_on_and_its_legs_begin_there():
+def test_each_platform_and_its_legs_start_on_its_base():
     """The upper one comes first in the list, and waits for the fixed row of the turntable that it stands on."""
     robot = read_mdh_yaml(STACK)
     assert robot.platform_links == ("upper", "lower")
@@ -48,7 +48,7 @@ def test_robot_is_the_same_when_written_and_read(change):
         np.testing.assert_allclose(same.placement, joint.placement, rtol=0, atol=1e-15)
     for frame in robot.frames:
         np.testing.assert_allclose(again.frame(frame.name).placement, frame.placement, rtol=0, atol=1e-15)
-    assert sum("is the platform" in told for told in par_losses(robot)) == 2
+    assert sum("is the platform" in loss for loss in par_losses(robot)) == 2
 
 
 FIRST_COPY = "        platform: {antecedent: lower, mdh: {gamma: toward, d: s*0.1, theta: -toward}}\n"
@@ -78,7 +78,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told(mistake):
+def test_malformed_platform_is_refused_with_line_and_remedy(mistake):
     wrong, right, reason = MISTAKES[mistake]
     text = STACK.replace(wrong, right, 1)
     assert text != STACK
@@ -87,7 +87,7 @@ def test_mistake_is_told(mistake):
     assert reason in str(refusal.value) and str(refusal.value).startswith("stack.yaml, line "), refusal.value
 
 
-def test_coordinates_that_have_rows_must_lie_on_the_base():
+def test_coordinate_rows_must_start_at_the_base():
     text = write_mdh_yaml(read_mdh_yaml(STACK))
     assert text.count("base: bench") == 1
     for right, reason in (

@@ -119,7 +119,7 @@ class YamlDocument:
         """
 
         def order(error: jsonschema.ValidationError) -> tuple[list[str], bool]:
-            # an unknown key first: often it is a misspelt required one
+            """Return the sort key of a violation. An unknown key is first: often it is a misspelt required one."""
             return [*map(str, error.absolute_path)], error.validator != "additionalProperties"
 
         errors = sorted(islice(validator.iter_errors(self.data), 100), key=order)
@@ -144,6 +144,7 @@ class _Composer(yaml.SafeLoader):  # type: ignore[misc]  # PyYAML has no types
         self._count = 0
 
     def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
+        """Return the next node."""
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
             raise yaml.composer.ComposerError(None, None, "anchors and aliases are not supported", event.start_mark)

@@ -130,6 +130,7 @@ class _Reader:
         self._taken = {*poses, *self._later_frames, *(mapping.get("link") for mapping in mappings)}
 
     def read(self) -> CutLoops:
+        """Return the parts that the loops add to the tree."""
         loops: dict[str, Loop] = {}
         for loop in self._loops:
             name = loop.mapping["joint"]

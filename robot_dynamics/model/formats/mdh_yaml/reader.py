@@ -107,6 +107,7 @@ def read_mdh_yaml(
 
 @cache
 def _validator() -> jsonschema.Draft7Validator:
+    """Return the validator of SCHEMA, which is read at the first use."""
     return make_validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
 
 
@@ -134,6 +135,7 @@ class _Builder:
         self._pending_platforms = [part for part in list_platforms(document) if "coordinates" not in part.mapping]
 
     def build(self, moving_base: bool | None, gravity: ArrayLike | None) -> Robot:
+        """Return the Robot; None: moving_base and gravity from the document."""
         self._add_pending_platforms()
         for number, row in enumerate(self._data.get("joints", [])):
             self._read_row(YamlPart(row, ("joints", number)))

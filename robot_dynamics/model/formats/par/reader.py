@@ -114,6 +114,7 @@ class _Builder:
         self._inertias: list[Inertia] = []
 
     def build(self, moving_base: bool | None, gravity: ArrayLike | None) -> Robot:
+        """Return the Robot; None: moving_base and gravity from the document."""
         if moving_base is None:
             moving_base = self._document.is_floating
         with np.errstate(all="ignore"):  # numbers that are not finite raise DescriptionError later

@@ -10,7 +10,8 @@ from lxml import etree
 
 from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.urdf.document import check_urdf, parse_urdf_text
+from robot_dynamics.model.formats.urdf.document import parse_urdf_text
+from robot_dynamics.model.formats.urdf.validation import check_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
@@ -103,9 +104,11 @@ class _Builder:
             self._joint_to[joint.child] = joint
 
     def _fail(self, message: object) -> NoReturn:
+        """Raise DescriptionError with the source."""
         raise DescriptionError(f"{self._source}: {message}")
 
     def build(self, moving_base: bool | None, gravity: ArrayLike) -> Robot:
+        """Return the Robot."""
         root = self._find_root()
         floating = self._find_floating_joint(root)
         if moving_base is None:
