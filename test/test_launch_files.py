@@ -16,7 +16,7 @@ EXECUTABLES = set(re.findall(r'"(\w+) = robot_dynamics\.nodes', (ROOT / "setup.p
 
 
 def calls(path, name):
-    """{keyword: ast node} of each call of a function of that name."""
+    """Return {keyword: ast node} of each call of a function."""
     tree = ast.parse(path.read_text())
     nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name]
     return [({word.arg: word.value for word in call.keywords}, call.args) for call in nodes]
@@ -53,7 +53,7 @@ def test_packages_and_files_in_launch_files_exist(path):
 
 
 def literal(node):
-    """What an expression stands for, None where it is no literal."""
+    """Return the value of an expression, None where it is not a literal."""
     return node.value if isinstance(node, ast.Constant) else None
 
 

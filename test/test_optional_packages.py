@@ -51,7 +51,7 @@ def run_without(missing, *arguments, program=COMMAND):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """The CSV of a motion of the RX90 with the efforts of its model, an MDH table."""
+    """Return the CSV of a motion of the RX90 with the efforts of its model, an MDH table."""
     dynamics = Dynamics(load_robot("rx90"), compiled=False)
     times, rng = np.arange(0, 10, 0.01), np.random.default_rng(0)
     rates = rng.uniform(1, 4, (4, 1, len(dynamics.joint_names)))

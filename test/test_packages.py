@@ -22,7 +22,7 @@ KEYS = {"pyyaml": "python3-yaml", "lark": "python3-lark-parser", "yourdfpy": "py
 
 @pytest.fixture(scope="module")
 def declared():
-    """The Distribution of setup.py."""
+    """Return the Distribution of setup.py."""
     pytest.importorskip("setuptools")  # whose distutils it is, from Python 3.12 on
     from distutils.core import run_setup
 
@@ -36,7 +36,7 @@ def names(requirements):
 
 
 def imported():
-    """{top-level package that is imported: a file that does} of the library outside of nodes/, in functions too."""
+    """Return {imported top-level package: a file that imports it} of the library outside nodes/, functions included."""
     packages = {}
     for path in (ROOT / "robot_dynamics").rglob("*.py"):
         if "nodes" in path.parts:
@@ -73,7 +73,7 @@ def test_package_xml_declares_what_setup_py_does(declared):
 
 
 def clone_into(workspace):
-    """This checkout where the README clones it."""
+    """Copy this checkout to the folder into which the README clones it."""
     (folder,) = re.findall(r"^git clone .* (src/\S+)$", README, re.MULTILINE)
     ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__", "test", "docs")
     shutil.copytree(ROOT, workspace / folder, ignore=ignored)
@@ -81,7 +81,7 @@ def clone_into(workspace):
 
 @pytest.mark.parametrize(("program", "option"), [("rosdep", "--from-paths"), ("colcon", "--base-paths")])
 def test_commands_of_the_readme_find_both_packages(program, option, tmp_path, monkeypatch):
-    """Both programs look for packages below each path, and not inside of a package."""
+    """Both programs search packages below each path, not inside a package."""
     packages = pytest.importorskip("catkin_pkg.packages", reason="catkin_pkg, by which rosdep looks, is not installed")
     lines = [line for block in re.findall(r"```bash\n(.*?)```", README, re.DOTALL) for line in block.splitlines()]
     (line,) = [line for line in lines if f"{program} " in line and option in line]

@@ -1,4 +1,4 @@
-"""Robots whose description has no masses, as many industrial URDFs: said once, in words that lead on."""
+"""Warnings about robots without masses, as many industrial URDFs are: one warning, with the remedy."""
 
 import pytest
 from peers.real_robots import real_urdf, without_inertials

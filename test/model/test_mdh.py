@@ -1,5 +1,5 @@
-"""The six numbers of an MDH row against Khalil's formula written out, and back from any placement; frames chosen anew
-against published tables; roll, pitch and yaw."""
+"""MDH parameters against Khalil's formula, and from any placement; minimal frames against published tables; roll, pitch
+and yaw."""
 
 import math
 from dataclasses import replace
@@ -67,7 +67,7 @@ def test_placement_is_one_row_or_two(first, second, third, x, y, z):
 @pytest.mark.parametrize("exponent", range(-16, -1))
 @pytest.mark.parametrize("opposite", [False, True])
 def test_nearly_parallel_axes_keep_full_precision(exponent, opposite):
-    """One row would lose 4e-9 m at 1e-8 rad: b and r are huge there and cancel."""
+    """One row would lose 4e-9 m at 1e-8 rad, because b and r are huge and cancel."""
     rng = np.random.default_rng(exponent + 20)
     for _ in range(50):
         tilt = 10.0**exponent * rng.uniform(1, 10) + (math.pi if opposite else 0)
@@ -133,7 +133,7 @@ def test_angles_are_not_snapped_by_default():
 
 @pytest.mark.parametrize("name", REAL_ROBOTS)
 def test_snapping_moves_frames_of_a_real_robot_within_the_tolerance(name):
-    """Each placement turns by the tolerance about each of three axes at most, and does not shift."""
+    """Each placement turns by at most the tolerance about each of three axes, and does not shift."""
     robot, tolerance = read_urdf(real_urdf(name)), 1e-3
     moved = snap_angles(robot, tolerance)
     for before, after in zip((*robot.joints, *robot.frames), (*moved.joints, *moved.frames), strict=True):

@@ -38,7 +38,7 @@ def random_inertia(rng):
 
 
 def point_masses(points, masses):
-    """Inertia of point masses, from its definition."""
+    """Return the inertia of point masses, from its definition."""
     second = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
     return Inertia(masses.sum(), masses @ points, second)
 
@@ -282,7 +282,7 @@ def test_undefined_urdf_joint_is_refused(fields, reason):
 
 
 def test_many_joints_are_checked_quickly():
-    """Not once for each pair: a table of 2000 rows loads, and its warnings come, in seconds."""
+    """The time is not quadratic: a table of 2000 rows loads, with its warnings, in seconds."""
     rows = "".join(
         f"  - {{joint: j{k}, link: l{k}, mdh: {{d: 0.1}}, mass: 1, inertia: {{zz: 1}}}}\n" for k in range(2000)
     )

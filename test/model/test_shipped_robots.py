@@ -65,7 +65,7 @@ def test_manutec_has_the_composite_inertia_of_the_dfvlr_model():
 
 
 def test_gears_of_the_manutec_deflect_under_its_weight():
-    """The arm level: each gear turns by the load on it over its stiffness, less than a milliradian and a half."""
+    """With a horizontal arm each gear deflects by its load divided by its stiffness, less than 1.5 mrad."""
     dynamics = Dynamics(load_robot("manutec_r3"))
     q = np.zeros(9)
     q[2] = np.pi / 2

@@ -30,7 +30,7 @@ def relative_error(actual, expected):
 
 
 def misaligned_urdf(seed):
-    """A tree whose axes are turned from their parents' by whole right angles and by 1e-12 to 1e-2 rad more.
+    """Return a tree whose axes are turned from their parents' by whole right angles and by 1e-12 to 1e-2 rad more.
 
     Every link has mass: between two joints that slide the same way a link without it would leave A singular.
     """
@@ -47,7 +47,7 @@ def misaligned_urdf(seed):
 
 
 def check_same(robot, converted, seed, frames=True):
-    """The same motion takes the same efforts, with wrenches on links by name; poses of links stay where they are."""
+    """The same motion needs the same efforts, with wrenches on links by name; link poses are equal."""
     before, after = Dynamics(robot), Dynamics(converted)
     order = [after.joint_names.index(name) for name in before.joint_names]
     assert sorted(order) == list(range(len(after.joint_names))) and converted.name == robot.name
@@ -133,7 +133,7 @@ def test_shipped_robot_is_unchanged_by_write_and_read(name):
 
 
 def assert_same_joint(actual, expected):
-    """All but the placement, to rounding."""
+    """Assert that two joints are equal but for the placement, to rounding."""
     assert (actual.name, actual.antecedent, actual.prismatic) == (
         expected.name,
         expected.antecedent,

@@ -86,7 +86,7 @@ def test_text_is_a_finite_number_or_refused(text):
 
 @given(st.floats(allow_nan=False, allow_infinity=False, max_value=1e299, min_value=-1e299))
 def test_numbers_are_unchanged_by_write_and_read(number):
-    """To the last digit, but for the noise behind a short number."""
+    """Numbers are equal to the last digit, but for rounding noise of short numbers."""
     for text in (format_number(number), format_angle(number)):
         noise = 2 * math.ulp(number) if len(text) < 12 else 0
         assert abs(evaluate(text) - number) <= noise

@@ -1,4 +1,4 @@
-"""MDH tables in YAML: what a short one means; that mistakes are told with line, column and what would be right."""
+"""MDH tables in YAML: reading, and errors with line, column and remedy."""
 
 import json
 import math

@@ -1,5 +1,5 @@
-"""No text makes a reader raise anything but the project's own error, or take long: thousands of mutations here, a
-hundred thousand of each format in `make soak`."""
+"""Readers raise only DescriptionError for mutated texts, and in short time: thousands of mutations here, a hundred
+thousand of each format in `make soak`."""
 
 import os
 import random
@@ -168,7 +168,7 @@ NUMBERS = ["0", "1", "-1", "2", "1e-9", "1e9", "1e200", "-1e-320", "pi", "1.5708
 
 
 def change(text, rng):
-    """The text with one thing done to it."""
+    """Return the text with one mutation."""
     start = rng.randrange(len(text) + 1)
     end = min(len(text), start + rng.choice([0, 1, 1, 2, 5, 20, 100]))
     before, middle, after = text[:start], text[start:end], text[end:]
@@ -190,7 +190,7 @@ def change(text, rng):
 
 
 def mutate(text, rng):
-    """The text with one to four things done to it; at times as bytes, in an encoding or with a byte changed."""
+    """Return the text with one to four mutations, sometimes as bytes, in an encoding or with a changed byte."""
     for _ in range(rng.choice([1, 1, 1, 2, 2, 3, 4])):
         text = change(text, rng)
     kind = rng.random()

@@ -1,4 +1,4 @@
-"""SYMORO+ .par: read against Khalil's formulas written out, written and read back, and refused with a reason."""
+"""SYMORO+ .par: reading against Khalil's formulas, round trips, and errors."""
 
 import logging
 import math
@@ -63,7 +63,7 @@ M = {0,2}
 
 
 def khalil(gamma, b, alpha, d, theta, r):
-    """iTj, element by element (Khalil, section 2)."""
+    """Return iTj, element by element (Khalil, section 2)."""
     cg, sg, ca, sa, ct, st_ = (f(x) for x in (gamma, alpha, theta) for f in (math.cos, math.sin))
     return np.array(
         [
@@ -309,7 +309,7 @@ def sample(name):
 
 
 def values_of(text, **given_values):
-    """Values for all dynamic parameters of a sample, and what else is given."""
+    """Return values for all dynamic parameters of a sample, and the additional ones."""
     names = re.findall(rb"\b(?:XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|IA|FV|FS)\d+\b", text)
     return {name.decode(): 0.1 + 0.01 * k for k, name in enumerate(names)} | {"G3": -9.81} | given_values
 
@@ -342,7 +342,7 @@ def test_rx90_matches_its_table():
 
 
 def test_large_constant_beside_a_joint_variable_does_not_hide_it():
-    """r = r1 + 1e12: the variable grows by one where the entry does, in the digits that are left."""
+    """r = r1 + 1e12: the entry increases by as much as the variable, in the remaining digits."""
     zeros = "".join(f"{key} = {{0}}\n" for key in ("ant", "b", "d", "gamma", "alpha", "theta"))
     text = f"NL = 1\nNJ = 1\nsigma = {{1}}\nr = {{r1 + 1e12}}\n{zeros}"
     assert read_par(text).joints[0].placement[2, 3] == 1e12

@@ -1,4 +1,4 @@
-"""Closed loops in SYMORO+ .par: the published ones close as their geometry says; written and read back they stay."""
+"""Closed loops in SYMORO+ .par: closure of published robots, and round trips through the format."""
 
 import math
 import re
@@ -22,7 +22,7 @@ from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "data" / "par"
 
-# a parallelogram, a loop that is welded, and one that slides, whose frame k+B hangs on that of the loop before
+# a parallelogram, a loop that is welded, and a prismatic one, whose frame k+B is placed in that of the loop before
 LOOPS = """(* Robotname = 'loops' *)
 NL = 4
 NJ = 7
@@ -44,7 +44,7 @@ k = {0,0,0,0,30,0,0}
 
 
 def placements(robot, positions):
-    """Frames (4, 4) of the links in frame 0, by their definition; positions: {name of a joint: variable}."""
+    """Return the frames (4, 4) of the links in frame 0, by their definition; positions: {name of a joint: variable}."""
     placed = [np.eye(4)]
     for joint in robot.joints:
         variable = {"r" if joint.prismatic else "theta": positions[joint.name]}
@@ -53,7 +53,7 @@ def placements(robot, positions):
 
 
 def gaps(robot, positions):
-    """How far frames k+B are from frames k: (4, 4) less the identity, for each loop."""
+    """Return the pose of frame k+B in frame k minus the identity (4, 4), for each loop."""
     placed = placements(robot, positions)
     ends = [[placed[end.link] @ end.placement for end in loop.ends] for loop in robot.loops]
     return [np.linalg.inv(moved) @ closed_on - np.eye(4) for moved, closed_on in ends]
@@ -218,7 +218,7 @@ def same(actual, expected):
 
 
 def sayable(robot):
-    """The robot without what a .par cannot say."""
+    """Return the robot without the parts that a .par cannot represent."""
     joints = []
     for joint in robot.joints:
         driven = joint.actuated and joint.mimic is None

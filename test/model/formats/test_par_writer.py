@@ -21,7 +21,7 @@ from robot_dynamics.model.robot import Frame, Link, Robot
 
 
 def same(robot, back):
-    """Whether two robots are the same but for rounding and for what counts nowhere."""
+    """Return whether two robots are equal but for rounding and for parameters that have no effect."""
     assert back.name == robot.name and back.moving_base == robot.moving_base
     assert [link.name for link in back.links] == [link.name for link in robot.links]
     assert back.frames_by_name.keys() == robot.frames_by_name.keys()
@@ -64,7 +64,7 @@ def test_par_of_a_robot_has_the_same_dynamics(seed, frames, moving):
 
 
 def small_robot(joint=None, name="robot", tool="tool", placement=None, second=None):
-    """Two joints: `joint` and a prismatic one."""
+    """Return a robot with two joints: `joint` and a prismatic one."""
     joint = joint or Joint("j1", 0, False, placement_from_mdh(MDHParameters(theta=math.pi / 3)))
     second = second or Joint("j2", 1, True, placement_from_mdh(MDHParameters(alpha=1e-4, d=0.3, r=-0.1)))
     frames = [

@@ -25,7 +25,7 @@ def changed(old, new):
 
 
 def with_xacro(old, new):
-    """GOOD with the namespace of xacro declared and a change."""
+    """Return GOOD with the namespace of xacro and a replacement."""
     return changed(old, new).replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"')
 
 

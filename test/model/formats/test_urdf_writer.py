@@ -1,4 +1,4 @@
-"""What write_urdf writes is the same robot to Pinocchio as the URDF it came from, and to read_urdf as the one given."""
+"""A URDF from write_urdf is the same robot as the original, for Pinocchio and for read_urdf."""
 
 import itertools
 import math
@@ -31,7 +31,7 @@ BASES = pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "mov
 
 
 class WrittenModel(PinocchioModel):
-    """Pinocchio on a written URDF, whose moving base hangs by a floating joint of the text itself."""
+    """Pinocchio's model of a written URDF; a moving base has the floating joint of the text itself."""
 
     def __init__(self, urdf, joints, moving_base):
         self.model = pin.buildModelFromXML(urdf)
@@ -94,7 +94,7 @@ def test_nearly_parallel_and_perpendicular_axes_keep_full_precision(misalignment
 
 
 def check_reads_back(robot):
-    """read_urdf gives back all that was written, joints matched by name; returns the robot that it read."""
+    """Assert that read_urdf returns the written robot, joints matched by name; return the result."""
     result = read_urdf(write_urdf(robot))
     assert result.name == robot.name and result.moving_base == robot.moving_base and result.base_link == robot.base_link
     assert set(result.joint_numbers) == set(robot.joint_numbers) and set(result.frames_by_name) >= {
@@ -119,7 +119,7 @@ def check_reads_back(robot):
 
 
 def random_robot(seed, joints=9, antecedents=None):
-    """A robot whose named frames are anywhere on their links, on axes and off them, with other frames fixed."""
+    """Return a robot whose named frames are anywhere on their links, on axes and off them, with other frames fixed."""
     rng = np.random.default_rng(seed)
 
     def anywhere(scale=1.0):
@@ -194,7 +194,7 @@ def one_joint(name="j", link="tip", robot="robot", own=BASE.placement, body=KILO
     ],
 )
 def test_limits_read_back_and_pinocchio_reads_them_too(prismatic, limits, kind, expected):
-    """What URDF demands where there is no limit is read back as none."""
+    """Limits that URDF requires in place of infinite ones are read back as infinite."""
     text = write_urdf(one_joint(prismatic=prismatic, limits=limits))
     finite = {key: value for key, value in vars(limits).items() if abs(value) < UNLIMITED}
     assert f'<joint name="j" type="{kind}">' in text and read_urdf(text).joints[0].limits == Limits(**finite)

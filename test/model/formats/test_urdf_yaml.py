@@ -1,4 +1,4 @@
-"""A URDF with a YAML beside it: the URDF's robot, with the loops, roles and springs that the YAML tells."""
+"""A URDF with a YAML beside it: the URDF's robot, with the loops, roles and springs of the YAML."""
 
 import re
 from pathlib import Path
@@ -50,7 +50,7 @@ loops:
 
 
 def with_text(beside=BESIDE, urdf=URDF):
-    """The document with the text of the URDF in the place of its path."""
+    """Return the document with the text of the URDF in place of its path."""
     return beside.replace("bars.urdf", "|\n" + "".join(f"    {line}\n" for line in urdf.splitlines()).rstrip(), 1)
 
 

@@ -1,4 +1,4 @@
-"""Beams in MDH tables: what is read, written and refused."""
+"""Beams in MDH tables: reading, writing and errors."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""Loops in MDH tables: what a short one means, what of it is written, and that mistakes are told with their place."""
+"""Loops in MDH tables: reading, writing, and errors with their position."""
 
 import math
 
@@ -109,7 +109,7 @@ def test_minimal_frames_close_the_same_loop():
 
 
 def frames_of_the_loop(robot, variable):
-    """Frames k and k+B (4, 4) in frame 0, all joints at that variable."""
+    """Return frames k and k+B (4, 4) in frame 0, with all joints at that position."""
     placed = [np.eye(4)]
     for joint in robot.joints:
         placed.append(placed[joint.antecedent] @ joint.placement @ placement_from_mdh(MDHParameters(theta=variable)))

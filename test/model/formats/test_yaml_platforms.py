@@ -16,7 +16,7 @@ STACK = planar_stack("gears")
 
 
 def test_each_platform_and_its_legs_start_on_its_base():
-    """The upper one comes first in the list, and waits for the fixed row of the turntable that it stands on."""
+    """The upper platform is the first in the list, before the fixed row of the turntable on which it stands."""
     robot = read_mdh_yaml(STACK)
     assert robot.platform_links == ("upper", "lower")
     upper, lower = robot.platforms
