@@ -1,5 +1,8 @@
-"""Types of arrays. A type says what the entries are; the docstring says the shape: ``(..., n)`` means n entries behind
-any batch axes."""
+"""Aliases for array types.
+
+A type states the kind of the entries. The docstring of a function states the shape: ``(..., n)`` is n entries after any
+batch axes.
+"""
 
 from typing import Any, TypeAlias
 
@@ -9,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ScalarArray"]
 
 Array: TypeAlias = NDArray[np.float64]
-"""Numbers."""
+"""Floating-point numbers."""
 
 BoolArray: TypeAlias = NDArray[np.bool_]
-"""Truth values, one for each sample or entry."""
+"""Truth values."""
 
 IntArray: TypeAlias = NDArray[np.intp]
 """Indices."""
 
 ScalarArray: TypeAlias = NDArray[Any]
-"""Numbers, or symbols of a trace (dtype object): what a recursion over generic scalars takes and returns."""
+"""Numbers, or the symbols of a trace (dtype object), as the recursions over generic scalars use them."""

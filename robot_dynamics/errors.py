@@ -1,45 +1,57 @@
-"""The errors of the project. Every message says what was wrong, where, and what would be right."""
+"""The errors of the project. Every message states the fault, its place, and the remedy."""
 
+from collections.abc import Iterable
 from difflib import get_close_matches
 
-INTERRUPTED_EXIT_STATUS = 130  # exit status of what a user ended with Ctrl-C, as shells have it
+INTERRUPTED_EXIT_STATUS = 130  # exit status after Ctrl-C, by the convention of shells
 
 
 class RobotDynamicsError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base class of every error that this package raises on purpose."""
 
 
 class DescriptionError(RobotDynamicsError):
-    """A description of a robot cannot be read, or says something impossible."""
+    """A robot description cannot be read, or describes an impossible robot."""
 
 
 class InvalidInputError(RobotDynamicsError):
-    """A question does not fit the robot: wrong names, shapes or values."""
+    """An input does not fit the robot: wrong names, shapes or values."""
 
 
 class SingularModelError(RobotDynamicsError):
-    """A model has no answer: nothing with inertia resists some motion, or no equilibrium was found."""
+    """A model has no solution: no inertia resists some motion, or no equilibrium exists near the initial guess."""
 
 
 class RecordingError(RobotDynamicsError):
-    """A bag or table of measurements cannot be read, or does not tell what is needed of the robot."""
+    """A bag or table of measurements cannot be read, or lacks data that the task needs."""
 
 
 class MissingPackageError(RobotDynamicsError, ImportError):
-    """A Python package that a task needs is not installed; the message says how to install it."""
+    """A Python package that a task needs is not installed. The message contains the command that installs it."""
 
 
 class CompilationError(RobotDynamicsError):
-    """A program cannot be compiled on this machine; it can still be run as Python."""
+    """A program cannot be compiled on this machine. It can still be run as Python."""
 
 
 class SimulationError(RobotDynamicsError):
-    """A simulation cannot go on: its numbers grew beyond all bounds."""
+    """A simulation cannot continue: its state diverged."""
 
 
-def describe_unknown_name(kind, name, known):
-    """Say that `name` is none of the `known` names of this kind, with the likeliest ones."""
-    name, known = str(name)[:100], list(known)
-    close = get_close_matches(name, known, n=3, cutoff=0.75)
+def describe_unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
+    """Return a message that `name` is not a known name, with the most similar names or a list of all.
+
+    Parameters
+    ----------
+    kind : str
+        What the name denotes, such as ``"joint"``.
+    name : object
+        The unknown name.
+    known : iterable of str
+        All valid names.
+    """
+    text = str(name)[:100]
+    known = list(known)
+    close = get_close_matches(text, known, n=3, cutoff=0.75)
     hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are {', '.join(known[:40]) or 'none'}"
-    return f"unknown {kind} {name!r}: {hint}"
+    return f"unknown {kind} {text!r}: {hint}"

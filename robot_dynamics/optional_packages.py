@@ -1,13 +1,12 @@
-"""Packages that only some tasks need: imported when such a task begins. Where one is missing, the error says in a line
-what to install."""
+"""Import of packages that only some tasks need. Where one is missing, the error contains the command that installs it."""
 
 from importlib import import_module
 from types import ModuleType
 
 from robot_dynamics.errors import MissingPackageError
 
-# {module: (its name for pip, the package of Ubuntu 24.04 that has it in a version that fits, or None)}
-INSTALL_SOURCES = {
+# {module: (name for pip, package of Ubuntu 24.04 with a suitable version, or None)}
+INSTALL_SOURCES: dict[str, tuple[str, str | None]] = {
     "clarabel": ("clarabel", None),
     "distributed": ("dask[distributed]", None),
     "jsonschema": ("jsonschema", "python3-jsonschema"),
@@ -17,7 +16,7 @@ INSTALL_SOURCES = {
     "matplotlib": ("matplotlib", "python3-matplotlib"),
     "mcap": ("mcap", None),
     "numpy": ("numpy", "python3-numpy"),
-    "plotly": ("plotly", None),  # that of Debian and Ubuntu lacks the script that pages need
+    "plotly": ("plotly", None),  # the package of Debian and Ubuntu lacks the script that pages need
     "rosbags": ("rosbags", None),
     "scipy": ("scipy", "python3-scipy"),
     "tabulate": ("tabulate", "python3-tabulate"),
@@ -32,13 +31,20 @@ def import_optional(module: str, task: str) -> ModuleType:
 
     Parameters
     ----------
-    module : name of the module, such as ``"rosbags.rosbag2"``.
-    task : what needs it, such as ``"reading a bag"``: the beginning of the error message.
+    module : str
+        Name of the module, such as ``"rosbags.rosbag2"``.
+    task : str
+        The task that needs it, such as ``"reading a bag"``: the beginning of the error message.
+
+    Returns
+    -------
+    ModuleType
+        The imported module.
 
     Raises
     ------
     MissingPackageError
-        Where the package, or one that it needs itself, is not installed or cannot be imported.
+        If the package, or one of its own dependencies, is not installed or cannot be imported.
     """
     try:
         return import_module(module)
@@ -47,21 +53,28 @@ def import_optional(module: str, task: str) -> ModuleType:
 
 
 def missing_package_error(error: ImportError, task: str, package: str | None = None) -> MissingPackageError:
-    """Make the error that says what to install, of the ImportError that importing a `package` for a task ended in.
+    """Return the error with the installation command for an ImportError.
 
-    package: None where the task needs several, and whichever is missing is the one to name.
+    Parameters
+    ----------
+    error : ImportError
+        The error of the import.
+    task : str
+        The task that needs the package: the beginning of the message.
+    package : str, optional
+        The package that was imported. None: the task needs several, and the message names the missing one.
     """
     if not isinstance(error, ModuleNotFoundError) or error.name is None:
         return MissingPackageError(f"{task} needs {package or 'a package'} that cannot be imported: {error}")
     missing = error.name.partition(".")[0]
     if missing == "robot_dynamics":
-        raise error  # a mistake in this package
+        raise error  # a defect of this package
     needs = missing if package in (None, missing) else f"{package}, and that {missing}"
     return MissingPackageError(f"{task} needs {needs}, which is not installed: {install_hint(missing)}", name=missing)
 
 
 def install_hint(package: str) -> str:
-    """Say how to install the package that has a module of this name: by pip, and by apt where Ubuntu has it."""
-    by_pip, by_apt = INSTALL_SOURCES.get(package, (package, None))
-    by_pip = f"pip install '{by_pip}'" if "[" in by_pip else f"pip install {by_pip}"
-    return by_pip if by_apt is None else f"{by_pip}, or sudo apt install {by_apt}"
+    """Return the command that installs the package of a module: by pip, and by apt where Ubuntu has it."""
+    pip_name, apt_name = INSTALL_SOURCES.get(package, (package, None))
+    pip_command = f"pip install '{pip_name}'" if "[" in pip_name else f"pip install {pip_name}"
+    return pip_command if apt_name is None else f"{pip_command}, or sudo apt install {apt_name}"

@@ -4,7 +4,7 @@ from importlib.metadata import PackageNotFoundError, version
 
 
 def package_version() -> str:
-    """The version that setup.py states, as it was installed; `unknown` where the package is not installed."""
+    """Return the version of the installed package, or `unknown` where the package is not installed."""
     try:
         return version("robot_dynamics")
     except PackageNotFoundError:

@@ -16,13 +16,13 @@ EXECUTABLES = set(re.findall(r'"(\w+) = robot_dynamics\.nodes', (ROOT / "setup.p
 
 
 def calls(path, name):
-    """{keyword: ast node} of each call of a function of that name."""
+    """Return {keyword: ast node} of each call of a function."""
     tree = ast.parse(path.read_text())
-    found = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name]
-    return [({word.arg: word.value for word in call.keywords}, call.args) for call in found]
+    nodes = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and getattr(node.func, "id", "") == name]
+    return [({word.arg: word.value for word in call.keywords}, call.args) for call in nodes]
 
 
-def test_there_are_launch_files_for_each_node_and_the_closed_loop():
+def test_launch_files_exist_for_each_node_and_the_closed_loop():
     names = {path.name.removesuffix(".launch.py") for path in FILES}
     assert {"dynamics_server", "mobile_base_simulator", "computed_torque", "closed_loop"} <= names
     for name in names - {"closed_loop"}:
@@ -30,7 +30,7 @@ def test_there_are_launch_files_for_each_node_and_the_closed_loop():
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_what_is_named_exists(path):
+def test_packages_and_files_in_launch_files_exist(path):
     text = path.read_text()
     nodes = [words for words, _ in calls(path, "Node")]
     assert nodes and re.search(r'"?package"?[=:] ?"robot_dynamics"', text)
@@ -53,7 +53,7 @@ def test_what_is_named_exists(path):
 
 
 def literal(node):
-    """What an expression stands for, None where it is no literal."""
+    """Return the value of an expression, None where it is not a literal."""
     return node.value if isinstance(node, ast.Constant) else None
 
 
@@ -61,7 +61,7 @@ SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot
 
 
 @pytest.mark.parametrize("name", [*SHIPPED, "simulated_time", "machine_time"])
-def test_parameter_files_hold_what_the_nodes_take(name):
+def test_parameter_files_have_parameters_of_the_nodes(name):
     from robot_dynamics.nodes.computed_torque import parameters as control_parameters
     from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
 
@@ -74,13 +74,17 @@ def test_parameter_files_hold_what_the_nodes_take(name):
                 assert value in shipped_robots()
             elif parameter != "use_sim_time":
                 module.validate_parameter(parameter, value)
-    simulator_parameters.build_simulation({key: simulator_parameters.validate_parameter(key, default)
-                                    for key, (default, _) in simulator_parameters.PARAMETERS.items()},
-                                   load_robot("ur5e"))  # fmt: skip
+    simulator_parameters.build_simulation(
+        {
+            key: simulator_parameters.validate_parameter(key, default)
+            for key, (default, _) in simulator_parameters.PARAMETERS.items()
+        },
+        load_robot("ur5e"),
+    )
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_descriptions_are_made(path):
+def test_launch_descriptions_are_created(path):
     pytest.importorskip("launch.actions", reason="launch is part of ROS, and not among its wheels")
     pytest.importorskip("launch_ros.actions", reason="launch_ros is part of ROS, and not among its wheels")
     spec = importlib.util.spec_from_file_location(path.stem.replace(".", "_"), path)

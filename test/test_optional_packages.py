@@ -11,10 +11,15 @@ from robot_dynamics import Dynamics, load_robot
 
 ROOT = Path(__file__).parents[1]
 REQUIRED = {
-    "numpy": "python3-numpy", "scipy": "python3-scipy", "lxml": "python3-lxml", "lark": "python3-lark",
-    "yaml": "python3-yaml", "jsonschema": "python3-jsonschema", "tabulate": "python3-tabulate",
+    "numpy": "python3-numpy",
+    "scipy": "python3-scipy",
+    "lxml": "python3-lxml",
+    "lark": "python3-lark",
+    "yaml": "python3-yaml",
+    "jsonschema": "python3-jsonschema",
+    "tabulate": "python3-tabulate",
     "tqdm": "python3-tqdm",
-}  # fmt: skip
+}
 OPTIONAL = ("yourdfpy", "rosbags", "mcap", "plotly", "clarabel", "distributed", "dask", "llvmlite")
 # An interpreter in which some packages are not installed: imports of them end as they then do.
 BEGINNING = """
@@ -46,14 +51,15 @@ def run_without(missing, *arguments, program=COMMAND):
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """The CSV of a motion of the RX90 with the efforts of its model, an MDH table."""
+    """Return the CSV of a motion of the RX90 with the efforts of its model, an MDH table."""
     dynamics = Dynamics(load_robot("rx90"), compiled=False)
     times, rng = np.arange(0, 10, 0.01), np.random.default_rng(0)
     rates = rng.uniform(1, 4, (4, 1, len(dynamics.joint_names)))
     phases, sizes = rng.uniform(0, 6, rates.shape), rng.uniform(0.05, 0.15, rates.shape)
     angles = rates * times[:, None] + phases
-    q, qd, qdd = ((sizes * rates**k * part).sum(0) for k, part in enumerate((np.sin(angles), np.cos(angles),
-                                                                              -np.sin(angles))))  # fmt: skip
+    q, qd, qdd = (
+        (sizes * rates**k * part).sum(0) for k, part in enumerate((np.sin(angles), np.cos(angles), -np.sin(angles)))
+    )
     columns = np.stack([q, qd, dynamics.inverse(q, qd, qdd)], axis=-1).reshape(len(times), -1)
     head = [f"{name}.{kind}" for name in dynamics.joint_names for kind in ("position", "velocity", "effort")]
     path = tmp_path_factory.mktemp("recording") / "run.csv"
@@ -62,7 +68,7 @@ def recording(tmp_path_factory):
 
 
 @pytest.mark.parametrize("package", REQUIRED)
-def test_a_required_package_that_is_missing_is_named_in_a_line(package):
+def test_missing_required_package_is_named_in_one_line(package):
     done = run_without([package], "robots")
     assert done.returncode == 1 and not done.stdout
     (line,) = done.stderr.splitlines()
@@ -70,7 +76,7 @@ def test_a_required_package_that_is_missing_is_named_in_a_line(package):
     assert line.endswith(f", or sudo apt install {REQUIRED[package]}")
 
 
-def test_the_library_says_so_too():
+def test_missing_required_package_is_named_by_the_library():
     done = run_without(["scipy"], program="from robot_dynamics import Dynamics")
     last = done.stderr.splitlines()[-1]
     assert done.returncode == 1 and "robot_dynamics needs scipy, which is not installed: pip install scipy" in last
@@ -78,12 +84,12 @@ def test_the_library_says_so_too():
     assert run_without(["scipy"], program=program).returncode == 0
 
 
-def test_every_module_is_imported_without_what_only_some_tasks_need():
+def test_modules_import_without_optional_packages():
     done = run_without(OPTIONAL, program=EVERY_MODULE)
     assert done.returncode == 0, done.stderr
 
 
-def test_csv_and_mdh_tables_need_no_packages_of_bags_urdfs_and_reports(recording, tmp_path):
+def test_csv_and_mdh_tables_need_no_optional_packages(recording, tmp_path):
     arguments = [recording, "--robot", "rx90"]
     pictures = ["--pictures", tmp_path / "pictures"]
     checked = run_without(OPTIONAL, "replay-check", *arguments, "--faults", *pictures)
@@ -95,9 +101,9 @@ def test_csv_and_mdh_tables_need_no_packages_of_bags_urdfs_and_reports(recording
     assert shown.returncode == 0 and "robot 'rx90'" in shown.stdout and not shown.stderr
 
 
-def test_robots_that_ship_are_listed_without_what_reads_urdfs():
+def test_shipped_robots_are_listed_without_yourdfpy():
     done, whole = run_without(["yourdfpy"], "robots"), run_without([], "robots")
-    names = [[line.split()[0] for line in each.stdout.splitlines()] for each in (done, whole)]
+    names = [[line.split()[0] for line in process.stdout.splitlines()] for process in (done, whole)]
     assert done.returncode == 0 and names[0] == names[1] and len(names[0]) > 15
     (line,) = done.stderr.splitlines()
     assert line == "robot-dynamics robots: reading a URDF needs yourdfpy, which is not installed: pip install yourdfpy"
@@ -108,24 +114,45 @@ def test_robots_that_ship_are_listed_without_what_reads_urdfs():
     ("package", "arguments", "remedy"),
     [
         ("yourdfpy", ["show", "panda"], "reading a URDF needs yourdfpy, which is not installed: pip install yourdfpy"),
-        ("rosbags", ["replay-check", "BAG", "--robot", "rx90"],
-         "reading or writing a bag needs rosbags, which is not installed: pip install rosbags"),
-        ("rosbags", ["replay-check", "CSV", "--robot", "rx90", "--write-golden", "NEW"],
-         "reading or writing a bag needs rosbags, which is not installed: pip install rosbags"),
-        ("plotly", ["replay-check", "CSV", "--robot", "rx90", "--report", "NEW.html"],
-         "a report needs plotly, which is not installed: pip install plotly"),
-        ("plotly", ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
-         "a picture in HTML needs plotly, which is not installed: pip install plotly"),
-        ("clarabel", ["identify", "CSV", "--robot", "rx90", "--output", "NEW.yaml"],
-         "finding inertias that bodies can have needs clarabel, which is not installed: pip install clarabel"),
-        ("distributed", ["replay-check", "CSV", "--robot", "rx90", "--scheduler", "tcp://localhost:9"],
-         "--scheduler needs distributed, which is not installed: pip install 'dask[distributed]'"),
-        ("matplotlib", ["map", "gough_stewart", "--over", "x:0:1:3", "--output", "NEW.png"],
-         "robot-dynamics map needs matplotlib, which is not installed: pip install matplotlib, or sudo apt install "
-         "python3-matplotlib"),
+        (
+            "rosbags",
+            ["replay-check", "BAG", "--robot", "rx90"],
+            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags",
+        ),
+        (
+            "rosbags",
+            ["replay-check", "CSV", "--robot", "rx90", "--write-golden", "NEW"],
+            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags",
+        ),
+        (
+            "plotly",
+            ["replay-check", "CSV", "--robot", "rx90", "--report", "NEW.html"],
+            "a report needs plotly, which is not installed: pip install plotly",
+        ),
+        (
+            "plotly",
+            ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
+            "a picture in HTML needs plotly, which is not installed: pip install plotly",
+        ),
+        (
+            "clarabel",
+            ["identify", "CSV", "--robot", "rx90", "--output", "NEW.yaml"],
+            "finding inertias that bodies can have needs clarabel, which is not installed: pip install clarabel",
+        ),
+        (
+            "distributed",
+            ["replay-check", "CSV", "--robot", "rx90", "--scheduler", "tcp://localhost:9"],
+            "--scheduler needs distributed, which is not installed: pip install 'dask[distributed]'",
+        ),
+        (
+            "matplotlib",
+            ["map", "gough_stewart", "--over", "x:0:1:3", "--output", "NEW.png"],
+            "robot-dynamics map needs matplotlib, which is not installed: pip install matplotlib, or sudo apt install "
+            "python3-matplotlib",
+        ),
     ],
-)  # fmt: skip
-def test_a_task_that_needs_a_missing_package_says_what_to_install(package, arguments, remedy, recording, tmp_path):
+)
+def test_task_with_a_missing_package_states_the_installation(package, arguments, remedy, recording, tmp_path):
     bag = tmp_path / "run.mcap"
     bag.write_bytes(b"\x89MCAP0\r\n")
     places = {"CSV": recording, "BAG": bag, "NEW": tmp_path / "new"}
@@ -137,7 +164,7 @@ def test_a_task_that_needs_a_missing_package_says_what_to_install(package, argum
     assert not list(tmp_path.glob("new*"))
 
 
-def test_a_package_that_a_needed_one_lacks_is_named():
+def test_missing_dependency_of_an_optional_package_is_named():
     program = (
         "from robot_dynamics.optional_packages import import_optional; import_optional('yourdfpy', 'reading a URDF')"
     )

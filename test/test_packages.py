@@ -22,7 +22,7 @@ KEYS = {"pyyaml": "python3-yaml", "lark": "python3-lark-parser", "yourdfpy": "py
 
 @pytest.fixture(scope="module")
 def declared():
-    """The Distribution of setup.py."""
+    """Return the Distribution of setup.py."""
     pytest.importorskip("setuptools")  # whose distutils it is, from Python 3.12 on
     from distutils.core import run_setup
 
@@ -36,8 +36,8 @@ def names(requirements):
 
 
 def imported():
-    """{top-level package that is imported: a file that does} of the library outside of nodes/, in functions too."""
-    found = {}
+    """Return {imported top-level package: a file that imports it} of the library outside nodes/, functions included."""
+    packages = {}
     for path in (ROOT / "robot_dynamics").rglob("*.py"):
         if "nodes" in path.parts:
             continue
@@ -50,8 +50,8 @@ def imported():
             elif isinstance(node, ast.Call) and getattr(node.func, "id", "") == "import_optional":
                 modules = [value.value for value in ast.walk(node.args[0]) if isinstance(value, ast.Constant)]
             for module in modules:
-                found[module.partition(".")[0]] = path.name
-    return {name: file for name, file in found.items() if name not in {*sys.stdlib_module_names, "robot_dynamics"}}
+                packages[module.partition(".")[0]] = path.name
+    return {name: file for name, file in packages.items() if name not in {*sys.stdlib_module_names, "robot_dynamics"}}
 
 
 def test_every_package_that_is_imported_is_declared(declared):
@@ -73,15 +73,15 @@ def test_package_xml_declares_what_setup_py_does(declared):
 
 
 def clone_into(workspace):
-    """This checkout where the README clones it."""
-    (place,) = re.findall(r"^git clone .* (src/\S+)$", README, re.MULTILINE)
+    """Copy this checkout to the folder into which the README clones it."""
+    (folder,) = re.findall(r"^git clone .* (src/\S+)$", README, re.MULTILINE)
     ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__", "test", "docs")
-    shutil.copytree(ROOT, workspace / place, ignore=ignored)
+    shutil.copytree(ROOT, workspace / folder, ignore=ignored)
 
 
 @pytest.mark.parametrize(("program", "option"), [("rosdep", "--from-paths"), ("colcon", "--base-paths")])
 def test_commands_of_the_readme_find_both_packages(program, option, tmp_path, monkeypatch):
-    """Both programs look for packages below each path, and not inside of a package."""
+    """Both programs search packages below each path, not inside a package."""
     packages = pytest.importorskip("catkin_pkg.packages", reason="catkin_pkg, by which rosdep looks, is not installed")
     lines = [line for block in re.findall(r"```bash\n(.*?)```", README, re.DOTALL) for line in block.splitlines()]
     (line,) = [line for line in lines if f"{program} " in line and option in line]
@@ -90,8 +90,8 @@ def test_commands_of_the_readme_find_both_packages(program, option, tmp_path, mo
     last = next((k for k in range(first, len(words)) if words[k].startswith("-")), len(words))
     clone_into(tmp_path)
     monkeypatch.chdir(tmp_path)
-    found = {package.name for path in words[first:last] for package in packages.find_packages(path).values()}
-    assert found == {"robot_dynamics", "robot_dynamics_interfaces"}
+    names = {package.name for path in words[first:last] for package in packages.find_packages(path).values()}
+    assert names == {"robot_dynamics", "robot_dynamics_interfaces"}
     assert {package.name for package in packages.find_packages("src").values()} == {"robot_dynamics"}
 
 
@@ -102,9 +102,11 @@ def test_rosdep_of_the_readme_resolves_every_key(tmp_path):
         pytest.skip("rosdep is not installed, or its index was not downloaded")
     (setting, line) = re.search(r"^(\w+=1) (rosdep install .*)$", README, re.MULTILINE).groups()
     clone_into(tmp_path)
-    told = [*shlex.split(line)[1:], "--simulate", "--rosdistro", "jazzy", "--os", "ubuntu:noble"]
+    arguments = [*shlex.split(line)[1:], "--simulate", "--rosdistro", "jazzy", "--os", "ubuntu:noble"]
     environment = {**os.environ, **dict([setting.split("=")])}
-    done = subprocess.run([rosdep, *told], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [rosdep, *arguments], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     for package in ("python3-scipy", "python3-lark", "ros-jazzy-rclpy", "ros-jazzy-rosidl-default-generators"):
         assert f"apt-get install -y {package}\n" in done.stdout

@@ -1,1 +1,1 @@
-"""What a robot is: data, and the formats that it is read from and written to. No algorithm."""
+"""Robots as data, and the formats that describe them. No dynamics algorithms."""

@@ -1,36 +1,49 @@
-"""Links that bend, as data: beams, what they are made of, and the rigid bodies that they carry (Briot, section 2).
+"""Flexible links as data: beams, their sections and materials, and the rigid bodies on them (Briot, section 2).
 
 A beam is straight and uniform. Its frame has x along it, y and z along the principal axes of its section:
 second_moment_z resists bending in its x-y plane, second_moment_y in its x-z plane.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_placement
 from robot_dynamics.model.placement import placement
 
-COINCIDENCE_TOLERANCE = 1e-9  # [m] within which two points of a link are one
+COINCIDENCE_TOLERANCE = 1e-9  # [m] points of a link that are this near coincide
 MAX_ELEMENTS = 1000  # of a beam
 
 
 @dataclass(frozen=True)
 class Material:
-    """youngs_modulus: E, shear_modulus: G [Pa]; density: ρ [kg/m³]. Raises DescriptionError unless E, G > 0, ρ ≥ 0."""
+    """A linear elastic, isotropic material. Raises DescriptionError unless E, G > 0 and ρ ≥ 0.
+
+    Attributes
+    ----------
+    youngs_modulus : float
+        E [Pa].
+    shear_modulus : float
+        G [Pa].
+    density : float
+        ρ [kg/m³].
+    """
 
     youngs_modulus: float
     shear_modulus: float
     density: float
 
-    def __post_init__(self):
-        _check(self, "a material", may_be_zero=("density",))
+    def __post_init__(self) -> None:
+        _check_values(self, "a material", may_be_zero=("density",))
 
     @classmethod
-    def isotropic(cls, youngs_modulus, poissons_ratio, density):
-        """With G = E / 2(1 + ν)."""
+    def isotropic(cls, youngs_modulus: float, poissons_ratio: float, density: float) -> Material:
+        """Return the material with G = E / 2(1 + ν)."""
         if not -1 < poissons_ratio <= 0.5:
             raise DescriptionError(f"poissons_ratio of a material is {poissons_ratio:g}: it lies between -1 and 0.5")
         return cls(youngs_modulus, youngs_modulus / (2 * (1 + poissons_ratio)), density)
@@ -38,90 +51,128 @@ class Material:
 
 @dataclass(frozen=True)
 class Section:
-    """Of a beam: area: A [m²]; second_moment_y, second_moment_z: I_y = ∫z² dA, I_z = ∫y² dA; torsion_constant: I_0,
-    which with G resists twisting; polar_moment: I_p, which with ρ is the inertia against it, I_y + I_z [m⁴].
+    """The cross-section of a beam. Raises DescriptionError unless all values are positive.
 
-    Raises DescriptionError unless all are positive.
+    Attributes
+    ----------
+    area : float
+        A [m²].
+    second_moment_y, second_moment_z : float
+        I_y = ∫z² dA and I_z = ∫y² dA [m⁴].
+    torsion_constant : float
+        I_0 [m⁴], the torsional stiffness of the section divided by G.
+    polar_moment : float, optional
+        I_p [m⁴], the moment of inertia about x per length divided by ρ. Default: I_y + I_z.
     """
 
     area: float
     second_moment_y: float
     second_moment_z: float
     torsion_constant: float
-    polar_moment: float | None = None
+    polar_moment: float = None  # type: ignore[assignment]  # __post_init__ replaces None by I_y + I_z
 
-    def __post_init__(self):
-        if self.polar_moment is None:
+    def __post_init__(self) -> None:
+        if vars(self)["polar_moment"] is None:
             object.__setattr__(self, "polar_moment", self.second_moment_y + self.second_moment_z)
-        _check(self, "a section")
+        _check_values(self, "a section")
 
 
-def _check(thing, what, may_be_zero=()):
-    for field in fields(thing):
-        value = getattr(thing, field.name)
-        enough = value >= 0 if field.name in may_be_zero else value > 0
-        if not (np.isfinite(value) and enough):
+def _check_values(instance: Material | Section, owner: str, may_be_zero: tuple[str, ...] = ()) -> None:
+    """Raise DescriptionError unless all values of a material or section are finite and positive."""
+    for field in fields(instance):
+        value = getattr(instance, field.name)
+        in_range = value >= 0 if field.name in may_be_zero else value > 0
+        if not (np.isfinite(value) and in_range):
             need = "zero or more" if field.name in may_be_zero else "positive"
-            raise DescriptionError(f"{field.name} of {what} is {value:g}: it must be {need}")
+            raise DescriptionError(f"{field.name} of {owner} is {value:g}: it must be {need}")
 
 
 @dataclass(frozen=True, eq=False)
 class Beam:
-    """start: (4, 4) placement of the beam's frame in that of its link, its origin at the beginning of the beam; length
-    [m]; elements: into how many of equal length it is cut; rotary_inertia: whether its sections resist being turned by
-    bending (Rayleigh's beam) or not (that of Euler and Bernoulli)."""
+    """A straight, uniform beam of a link.
 
-    placement: np.ndarray
+    Attributes
+    ----------
+    placement : (4, 4) array
+        Frame of the beam in the frame of its link, with the origin at the start of the beam.
+    length : float
+        Length [m].
+    section : Section
+        Cross-section.
+    material : Material
+        Material.
+    elements : int
+        Number of finite elements, all of equal length.
+    rotary_inertia : bool
+        Whether bending turns the sections against their inertia (Rayleigh beam), or not (Euler-Bernoulli beam).
+    """
+
+    placement: ScalarArray
     length: float
     section: Section
     material: Material
     elements: int = 1
     rotary_inertia: bool = True
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         check_placement("a beam", self.placement)
         if not (np.isfinite(self.length) and self.length > 0):
             raise DescriptionError(f"a beam is {self.length:g} m long: its ends must be apart")
         if not 1 <= self.elements <= MAX_ELEMENTS or self.elements != int(self.elements):
-            raise DescriptionError(f"a beam has {self.elements:g} elements: 1 to {MAX_ELEMENTS} are right")
+            raise DescriptionError(f"a beam has {self.elements:g} elements: 1 to {MAX_ELEMENTS} are allowed")
 
     @classmethod
-    def between(cls, start, end, section, material, y=None, **options):
-        """From point `start` to point `end`, (3,) [m] in the frame of the link.
+    def between(
+        cls,
+        start: ArrayLike,
+        end: ArrayLike,
+        section: Section,
+        material: Material,
+        y: ArrayLike | None = None,
+        *,
+        elements: int = 1,
+        rotary_inertia: bool = True,
+    ) -> Beam:
+        """Return the beam between two points.
 
-        y: (3,) a direction to which the section's y is as near as it can be; left out: z is as near as can be to the
-        z axis of the link, or where the beam is along that, y to its y axis.
+        Parameters
+        ----------
+        start, end : (3,) array_like
+            End points in the frame of the link [m].
+        section, material : Section, Material
+            Cross-section and material.
+        y : (3,) array_like, optional
+            Direction to which the section's y is as near as possible. Default: the section's z is as near as possible
+            to the z axis of the link; where the beam is along that axis, its y to the y axis of the link.
+        elements, rotary_inertia : int, bool
+            As the attributes.
         """
-        start, end = np.array(start, dtype=float), np.array(end, dtype=float)
-        along, length = end - start, float(np.linalg.norm(end - start))
+        start_point = np.array(start, dtype=float)
+        end_point = np.array(end, dtype=float)
+        along = end_point - start_point
+        length = float(np.linalg.norm(end_point - start_point))
         if not length > 0:
             raise DescriptionError("a beam is 0 m long: its ends must be apart")
         x = along / length
-        if y is None:
-            upright = abs(x[2]) > 1 - 1e-12
-            near = np.cross([0.0, 0.0, 1.0], x) if not upright else np.array([0.0, 1.0, 0.0])
-        else:
-            near = np.array(y, dtype=float)
-        across = near - x * (near @ x)
-        if not np.linalg.norm(across) > 1e-6 * np.linalg.norm(near):
-            raise DescriptionError("the y axis of a beam's section is along the beam: it must lie across it")
-        across /= np.linalg.norm(across)
+        across = _direction_across(x, y)
         rotation = np.column_stack([x, across, np.cross(x, across)])
-        return cls(placement(rotation + 0.0, start), length, section, material, **options)
+        return cls(placement(rotation + 0.0, start_point), length, section, material, elements, rotary_inertia)
 
     @property
-    def end(self):
-        """(3,) the point of its other end, in the frame of the link."""
-        return self.point(1.0)
+    def end(self) -> Array:
+        """End point (3,) in the frame of the link [m]."""
+        return self.point_at(1.0)
 
-    def point(self, share):
-        """(3,) the point at a share of its length, in the frame of the link."""
-        return self.placement[:3, 3] + share * self.length * self.placement[:3, 0]
+    def point_at(self, fraction: float) -> Array:
+        """Return the point (3,) at a fraction of the length, in the frame of the link [m]."""
+        point: Array = self.placement[:3, 3] + fraction * self.length * self.placement[:3, 0]
+        return point
 
     @property
-    def inertia(self):
-        """The Inertia of the beam while it is straight, in the frame of its link."""
-        section, density = self.section, self.material.density
+    def inertia(self) -> Inertia:
+        """Inertia of the undeformed beam, in the frame of its link."""
+        section = self.section
+        density = self.material.density
         mass = density * section.area * self.length
         bending = float(self.rotary_inertia) * np.array([section.second_moment_y, section.second_moment_z])
         central = np.array([section.polar_moment, *bending])
@@ -129,63 +180,95 @@ class Beam:
         centre = self.placement @ placement(translation=[self.length / 2, 0, 0])
         return Inertia.about_centre_of_mass(mass, np.diag(central), centre)
 
-    def transformed_by(self, matrix):
-        """The same beam in the frame in which `matrix` (4, 4) places that of its link."""
+    def transformed_by(self, matrix: ScalarArray) -> Beam:
+        """Return the same beam in the frame i in which `matrix`, iTj (4, 4), places the frame of its link."""
         return replace(self, placement=matrix @ self.placement)
+
+
+def _direction_across(x: Array, y: ArrayLike | None) -> Array:
+    """Return the y axis (3,) of a beam along x (3,), nearest to `y` (3,); None: as `Beam.between` states."""
+    if y is not None:
+        preferred = np.array(y, dtype=float)
+    elif abs(x[2]) > 1 - 1e-12:
+        preferred = np.array([0.0, 1.0, 0.0])
+    else:
+        preferred = np.cross([0.0, 0.0, 1.0], x)
+    across: Array = preferred - x * (preferred @ x)
+    if not np.linalg.norm(across) > 1e-6 * np.linalg.norm(preferred):
+        raise DescriptionError("the y axis of a beam's section is along the beam: it must lie across it")
+    across /= np.linalg.norm(across)
+    return across
 
 
 @dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A rigid body on a link that bends: point: (3,) where it is fastened, in the frame of the link [m]; inertia: about
-    the origin of that frame."""
+    """A rigid body on a flexible link.
 
-    point: np.ndarray
+    Attributes
+    ----------
+    point : (3,) array
+        Point at which the body is fixed, in the frame of the link [m].
+    inertia : Inertia
+        Inertia about the origin of the frame of the link.
+    """
+
+    point: ScalarArray
     inertia: Inertia
 
-    def transformed_by(self, matrix):
+    def transformed_by(self, matrix: ScalarArray) -> RigidBody:
+        """Return the same body in the frame i in which `matrix`, iTj (4, 4), places the frame of its link."""
         return RigidBody(matrix[:3, :3] @ self.point + matrix[:3, 3], self.inertia.transformed_by(matrix))
 
 
 @dataclass(frozen=True, eq=False)
 class Flexibility:
-    """What of a link bends. beams: each begins at the origin of the link's frame or on a beam before it, the first
-    anywhere; bodies: what they carry. Raises DescriptionError where a beam begins elsewhere."""
+    """The beams of a flexible link and the rigid bodies on them.
+
+    Attributes
+    ----------
+    beams : tuple of Beam
+        The first begins anywhere, each other one at the origin of the link's frame or on a beam before it. A beam
+        that begins elsewhere raises DescriptionError.
+    bodies : tuple of RigidBody
+        Rigid bodies fixed to the beams.
+    """
 
     beams: tuple[Beam, ...]
     bodies: tuple[RigidBody, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for number, beam in enumerate(self.beams):
             start = beam.placement[:3, 3]
-            before = self.beams[:number]
-            reached = (
+            is_connected = (
                 number == 0
                 or not np.any(np.abs(start) > COINCIDENCE_TOLERANCE)
-                or any(locate_on_beam(b, start) for b in before)
+                or any(locate_on_beam(earlier, start) for earlier in self.beams[:number])
             )
-            if not reached:
+            if not is_connected:
                 raise DescriptionError(
-                    f"beam {number + 1} begins at {start.tolist()}, where nothing is: it begins at the origin of the "
-                    "link's frame or on a beam before it"
+                    f"beam {number + 1} begins at {start.tolist()}, which is on no beam: it must begin at the origin "
+                    "of the link's frame or on a beam before it"
                 )
 
     @property
-    def inertia(self):
-        """The Inertia of the link while it is straight."""
-        return sum((part.inertia for part in (*self.beams, *self.bodies)), Inertia())
+    def inertia(self) -> Inertia:
+        """Inertia of the undeformed link."""
+        inertias = [beam.inertia for beam in self.beams] + [body.inertia for body in self.bodies]
+        return sum(inertias, Inertia())
 
-    def transformed_by(self, matrix):
-        """The same in the frame in which `matrix` (4, 4) places that of the link."""
-        return Flexibility(
-            *(tuple(part.transformed_by(matrix) for part in parts) for parts in (self.beams, self.bodies))
-        )
+    def transformed_by(self, matrix: ScalarArray) -> Flexibility:
+        """Return the same flexibility in the frame i in which `matrix`, iTj (4, 4), places the frame of the link."""
+        beams = tuple(beam.transformed_by(matrix) for beam in self.beams)
+        bodies = tuple(body.transformed_by(matrix) for body in self.bodies)
+        return Flexibility(beams, bodies)
 
-    def with_body(self, body):
+    def with_body(self, body: RigidBody) -> Flexibility:
+        """Return the same flexibility with one more rigid body."""
         return replace(self, bodies=(*self.bodies, body))
 
 
-def locate_on_beam(beam, point):
-    """The share of a Beam's length at which a point (3,) of the link's frame lies on it; None if it does not."""
+def locate_on_beam(beam: Beam, point: ScalarArray) -> float | None:
+    """Return the fraction of a beam's length at which a point (3,) of the link's frame lies on it, else None."""
     along, *across = beam.placement[:3, :3].T @ (point - beam.placement[:3, 3])
     if (
         np.hypot(*across) > COINCIDENCE_TOLERANCE

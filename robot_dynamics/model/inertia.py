@@ -1,53 +1,78 @@
 """Mass properties of a rigid body about the origin of a frame."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robot_dynamics.array_types import ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError
 
-# descriptions print few digits: a flat plate of which each moment is rounded may miss the triangle inequality by this
+# Descriptions print few digits: rounding may make a flat plate violate the triangle inequality by this fraction.
 TRIANGLE_TOLERANCE = 1e-3
 
+INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
+"""Indices of the six entries of a symmetric matrix, in the order that is used everywhere."""
 
-def skew(vector):
-    """The matrices (..., 3, 3) of the vector product with `vector` (..., 3): skew(a) @ b = a × b."""
+
+def skew(vector: ScalarArray) -> ScalarArray:
+    """Return the matrices (..., 3, 3) of the vector product with `vector` (..., 3): skew(a) @ b = a × b."""
     x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
     zero = np.zeros_like(x)
     rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-# where the entries of a symmetric matrix stand, in the order in which they are always told
-INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
-
-
-def symmetric_matrix(xx, xy, xz, yy, yz, zz):
-    """Symmetric matrices (..., 3, 3) of their entries (...)."""
+def symmetric_matrix(
+    xx: ArrayLike, xy: ArrayLike, xz: ArrayLike, yy: ArrayLike, yz: ArrayLike, zz: ArrayLike
+) -> ScalarArray:
+    """Return symmetric matrices (..., 3, 3) of their six entries (...)."""
     entries = np.broadcast_arrays(xx, xy, xz, xy, yy, yz, xz, yz, zz)
     return np.stack(entries, axis=-1).reshape(*entries[0].shape, 3, 3)
 
 
-def symmetric_entries(matrix):
-    """xx, xy, xz, yy, yz, zz of symmetric matrices (..., 3, 3)."""
+def symmetric_entries(matrix: ScalarArray) -> tuple[Any, ...]:
+    """Return xx, xy, xz, yy, yz, zz (...) of symmetric matrices (..., 3, 3)."""
     return tuple(matrix[..., row, column] for row, column in INERTIA_ENTRIES.values())
 
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """The ten standard inertial parameters of a body, about the origin of its frame and along its axes.
+    """The ten standard inertial parameters of a rigid body, about the origin of its frame and along its axes.
 
-    mass: M [kg]. first_moments: MS = M·c (3,) [kg m], c the centre of mass. second_moments: J (3, 3) [kg m²].
+    Parameters
+    ----------
+    mass : float
+        M [kg].
+    first_moments : (3,) array_like
+        MS = M·c [kg m], where c is the centre of mass. Default: zeros.
+    second_moments : (3, 3) array_like
+        Inertia matrix J about the origin of the frame [kg m²], symmetric. Default: zeros.
 
-    Raises DescriptionError for another shape, for what is no number, and for a J that is not symmetric.
+    Raises
+    ------
+    DescriptionError
+        If a shape is wrong, an entry is not a number, or J is not symmetric.
+
+    Notes
+    -----
+    Source: Khalil, section 2. In traced models the numbers are symbols (dtype object).
     """
 
     mass: float = 0.0
-    first_moments: np.ndarray = (0.0, 0.0, 0.0)
-    second_moments: np.ndarray = ((0.0,) * 3,) * 3
+    first_moments: ScalarArray = field(default_factory=lambda: np.zeros(3))
+    second_moments: ScalarArray = field(default_factory=lambda: np.zeros((3, 3)))
 
-    def __post_init__(self):
+    if TYPE_CHECKING:  # the attributes are arrays; the arguments may be sequences too
+
+        def __init__(
+            self, mass: float = ..., first_moments: ArrayLike = ..., second_moments: ArrayLike = ...
+        ) -> None: ...
+
+    def __post_init__(self) -> None:
         for name, shape in (("mass", ()), ("first_moments", (3,)), ("second_moments", (3, 3))):
             try:
                 value = np.array(getattr(self, name))
@@ -62,13 +87,38 @@ class Inertia:
             raise DescriptionError(f"second_moments of an inertia are {J.tolist()}: a symmetric matrix is needed")
 
     @classmethod
-    def about_centre_of_mass(cls, mass, inertia, frame):
-        """From the mass [kg] and the inertia (3, 3) [kg m²] about the centre of mass, where `frame` (4, 4) places a
-        frame with its origin in the centre of mass and the axes of `inertia`, as URDF does."""
+    def about_centre_of_mass(cls, mass: float, inertia: ArrayLike, frame: ScalarArray) -> Inertia:
+        """Return an inertia from its values about the centre of mass, as URDF gives them.
+
+        Parameters
+        ----------
+        mass : float
+            Mass [kg].
+        inertia : (3, 3) array_like
+            Inertia matrix about the centre of mass [kg m²], along the axes of frame c.
+        frame : (4, 4) array
+            Placement of frame c, which has its origin at the centre of mass, in the frame of the result.
+
+        Returns
+        -------
+        Inertia
+            The inertia about the origin of the frame of the result.
+        """
         return cls(mass, np.zeros(3), inertia).transformed_by(frame)
 
-    def transformed_by(self, placement):
-        """The same body about the frame i in which `placement`, iTj (4, 4), places the frame j of this inertia."""
+    def transformed_by(self, placement: ScalarArray) -> Inertia:
+        """Return the inertia of the same body about another frame.
+
+        Parameters
+        ----------
+        placement : (4, 4) array
+            iTj, the placement of the frame j of this inertia in the frame i of the result.
+
+        Returns
+        -------
+        Inertia
+            The inertia about the origin of frame i, along its axes.
+        """
         R, P = placement[:3, :3], placement[:3, 3]
         first, second = R @ self.first_moments, R @ self.second_moments @ R.T
         offset, moment = skew(P), skew(first)
@@ -76,7 +126,8 @@ class Inertia:
         second = second - offset @ moment - moment @ offset - self.mass * offset @ offset
         return Inertia(self.mass, first + self.mass * P, (second + second.T) / 2)
 
-    def __add__(self, other):
+    def __add__(self, other: Inertia) -> Inertia:
+        """Return the inertia of two bodies that are fixed to each other; both inertias are in the same frame."""
         return Inertia(
             self.mass + other.mass,
             self.first_moments + other.first_moments,
@@ -84,28 +135,35 @@ class Inertia:
         )
 
     @cached_property
-    def spatial(self):
-        """The (6, 6) inertia that maps [V̇; ω̇] of the frame's origin to [force; moment] there (Khalil, section 3)."""
+    def spatial(self) -> ScalarArray:
+        """Spatial inertia (6, 6): maps [V̇; ω̇] of the frame's origin to [force; moment] there (Khalil, section 3)."""
         MS = skew(self.first_moments)
         return np.block([[self.mass * np.eye(3), -MS], [MS, self.second_moments]])
 
     @cached_property
-    def is_finite(self):
+    def is_finite(self) -> bool:
+        """Whether all numbers are finite; symbols count as finite."""
         return self.has_symbols or bool(np.isfinite(self.spatial).all())
 
     @cached_property
-    def has_symbols(self):
-        """Whether some of the numbers have no value yet."""
-        return self.spatial.dtype == object
+    def has_symbols(self) -> bool:
+        """Whether some of the numbers are symbols without a value."""
+        return bool(self.spatial.dtype == object)
 
     @property
-    def is_moment_about_z(self):
-        """Whether nothing is there but a positive moment of inertia about the z axis."""
+    def is_moment_about_z(self) -> bool:
+        """Whether the only parameter that is not zero is a positive moment of inertia about the z axis."""
         others = np.delete(self.spatial.ravel(), -1)
         return bool(self.second_moments[2, 2] > 0 and not np.any(others))
 
-    def find_inconsistencies(self):
-        """Why no real body has these parameters: a list of sentences, empty for a body that can exist."""
+    def find_inconsistencies(self) -> list[str]:
+        """Return why no physical body has these parameters, as sentences.
+
+        Returns
+        -------
+        list of str
+            Empty for an inertia that a physical body can have.
+        """
         if self.mass < 0:
             return [f"mass {self.mass:g} kg is negative"]
         if self.mass == 0:

@@ -1,18 +1,32 @@
-"""A joint as data: where it stands, what moves it, what it may do."""
+"""Joints as data: placement, drive, spring, friction and limits."""
 
 from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
 
-UNLIMITED = 1e9  # a limit from here on is none [rad, m, rad/s, m/s, N m or N]
-SUSPICIOUS_RANGE = 50.0  # [rad] between limits that look like degrees
+UNLIMITED = 1e9  # a limit from this value on counts as no limit [rad, m, rad/s, m/s, N m or N]
+SUSPICIOUS_RANGE = 50.0  # [rad] from this range on limits look like degrees
+
+JointRole: TypeAlias = Literal["actuated", "elastic", "passive", "mimic"]
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a joint may do: positions [rad or m], velocity [rad/s or m/s], effort [N m or N]; infinite if not said."""
+    """Limits of a joint; infinite where the description has none.
+
+    Attributes
+    ----------
+    lower, upper : float
+        Limits of the position [rad or m].
+    velocity : float
+        Maximum speed [rad/s or m/s].
+    effort : float
+        Maximum joint torque or force [N m or N].
+    """
 
     lower: float = -np.inf
     upper: float = np.inf
@@ -22,7 +36,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that follows another one: position = multiplier · position of `joint` + offset."""
+    """Relation of a mimic joint: position = multiplier · (position of the joint named `joint`) + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -31,9 +45,16 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Spring:
-    """What an elastic joint is held by: force = -stiffness · (position - rest) - damping · velocity.
+    """Spring of a joint: force = -stiffness · (position - rest) - damping · velocity.
 
-    stiffness: k [N m/rad or N/m]; rest: q₀ [rad or m]; damping [N m s/rad or N s/m].
+    Parameters
+    ----------
+    stiffness : float
+        k [N m/rad or N/m].
+    rest : float
+        Position without spring force q₀ [rad or m].
+    damping : float
+        Viscous damping [N m s/rad or N s/m].
     """
 
     stiffness: float
@@ -43,21 +64,47 @@ class Spring:
 
 @dataclass(frozen=True, eq=False)
 class Joint:
-    """A joint with one degree of freedom, and how it places the frame of its link.
+    """A joint with one degree of freedom, and the placement of the frame of the link that it moves.
 
-    antecedent: a(j), the number of the link that carries it. prismatic: σ. placement: iTj (4, 4) of frame j in the
-    frame of the antecedent where the joint variable is zero; the variable then turns frame j about z_j or moves it
-    along z_j. rotor_inertia: Ia, seen at the joint [kg m² or kg]; viscous_friction: Fv [N m s/rad or N s/m];
-    coulomb_friction: Fs [N m or N]. actuated: μ, whether a motor drives it; one without motor is elastic where it has a
-    spring, else passive. A spring beside a motor bears its part of the load. initial_position [rad or m]: where loops
-    are closed first; it chooses between their assembly modes. brake: whether natural frequencies count the joint as
-    held though no motor drives it.
+    Parameters
+    ----------
+    name : str
+        Name of the joint.
+    antecedent : int
+        a(j), the number of the link that carries the joint.
+    prismatic : bool
+        σ: whether the joint slides along z_j; else it turns about z_j.
+    placement : (4, 4) array
+        iTj, frame j in the frame of the antecedent at zero joint position. The joint variable then turns frame j about
+        z_j or moves it along z_j.
+    rotor_inertia : float
+        Ia, referred to the joint [kg m² or kg].
+    viscous_friction : float
+        Fv [N m s/rad or N s/m].
+    coulomb_friction : float
+        Fs [N m or N].
+    limits : Limits
+        Limits of position, speed and effort.
+    mimic : Mimic, optional
+        Relation to the joint that this one follows.
+    actuated : bool
+        μ: whether a motor drives the joint. An unactuated joint is elastic with a spring, else passive.
+    spring : Spring, optional
+        Spring of an elastic joint. A spring at an actuated joint acts in parallel with the motor.
+    initial_position : float
+        Position from which loops are closed first [rad or m]; it selects their assembly mode.
+    brake : bool
+        Whether natural frequencies count the joint as held although it is unactuated.
+
+    Notes
+    -----
+    Source: Khalil, section 2. In traced models the numbers are symbols (dtype object).
     """
 
     name: str
     antecedent: int
     prismatic: bool
-    placement: np.ndarray
+    placement: ScalarArray
     rotor_inertia: float = 0.0
     viscous_friction: float = 0.0
     coulomb_friction: float = 0.0
@@ -69,19 +116,22 @@ class Joint:
     brake: bool = False
 
     @property
-    def rotation(self):
-        """(3, 3), or one for each sample (..., 3, 3), of frame j in the antecedent where the joint variable is zero."""
+    def rotation(self) -> ScalarArray:
+        """Rotation (3, 3), or one for each sample (..., 3, 3), of frame j in the antecedent at zero joint position."""
         return self.placement[:3, :3]
 
     @property
-    def role(self):
-        """actuated, elastic or passive; a joint that follows another one: mimic."""
+    def role(self) -> JointRole:
+        """Role of the joint: mimic, actuated, passive, or elastic (unactuated with a spring)."""
         if self.mimic is not None:
             return "mimic"
-        return "actuated" if self.actuated else "passive" if self.spring is None else "elastic"
+        if self.actuated:
+            return "actuated"
+        return "passive" if self.spring is None else "elastic"
 
 
-def find_suspicious_limits(joint):
+def find_suspicious_limits(joint: Joint) -> list[str]:
+    """Return sentences about limits of a joint that are probably wrong; empty where there are none."""
     lower, upper = joint.limits.lower, joint.limits.upper
     if lower > upper:
         return [f"joint {joint.name!r}: its lower limit {lower:g} is above the upper one, {upper:g}"]
@@ -90,8 +140,8 @@ def find_suspicious_limits(joint):
     return []
 
 
-def check_placement(owner, placement):
-    """Refuse what is no homogeneous matrix of a rotation and a translation; symbols have no value yet."""
+def check_placement(owner: str, placement: ScalarArray) -> None:
+    """Raise DescriptionError unless a placement is a homogeneous matrix (4, 4); symbols pass, they have no value."""
     matrix = np.asarray(placement)
     if matrix.shape != (4, 4):
         raise DescriptionError(f"{owner}: its placement has shape {matrix.shape}: a matrix (4, 4) is needed")
@@ -104,22 +154,42 @@ def check_placement(owner, placement):
         raise DescriptionError(f"{owner}: its placement is no matrix [rotation, position; 0, 0, 0, 1]")
 
 
-def check_joint(number, joint):
-    """Refuse a joint that moves link `number` but could not."""
+def check_joint(number: int, joint: Joint) -> None:
+    """Raise DescriptionError where a joint cannot move link `number`, or one of its numbers is impossible."""
     check_placement(f"joint {joint.name!r}", joint.placement)
-    limits = vars(joint.limits)
-    if np.isnan([*limits.values()]).any() or np.inf == joint.limits.lower or -np.inf in list(limits.values())[1:]:
-        told = ", ".join(f"{key} {value:g}" for key, value in limits.items())
-        raise DescriptionError(f"joint {joint.name!r}: limits {told} mean nothing. No limit is -inf below, inf else")
+    _check_limits(joint)
     if not 0 <= joint.antecedent < number:
         raise DescriptionError(
-            f"joint {joint.name!r} moves link {number} but hangs on link {joint.antecedent}: "
+            f"joint {joint.name!r} moves link {number} but its antecedent is link {joint.antecedent}: "
             "a link comes after its antecedent"
         )
     if joint.mimic is not None and not joint.actuated:
-        raise DescriptionError(f"joint {joint.name!r} follows another one: whether it has a motor is said of that one")
-    mimic, spring = joint.mimic or Mimic(""), joint.spring or Spring(0.0)
-    numbers = {
+        raise DescriptionError(
+            f"joint {joint.name!r} is a mimic joint and cannot be unactuated: only the joint that it follows has a role"
+        )
+    for name, number_or_samples in _numbers_by_name(joint).items():
+        value = np.asarray(number_or_samples)
+        if value.dtype == object:  # symbols have no value yet
+            continue
+        if not np.isfinite(value).all():
+            raise DescriptionError(f"joint {joint.name!r}: {name} is not finite")
+        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction", "stiffness", "damping")):
+            raise DescriptionError(f"joint {joint.name!r}: {name} {value:g} is negative, it would drive the joint")
+
+
+def _check_limits(joint: Joint) -> None:
+    """Raise DescriptionError where a limit is NaN or has the wrong infinity."""
+    limits = vars(joint.limits)
+    if np.isnan([*limits.values()]).any() or np.inf == joint.limits.lower or -np.inf in list(limits.values())[1:]:
+        text = ", ".join(f"{key} {value:g}" for key, value in limits.items())
+        raise DescriptionError(f"joint {joint.name!r}: limits {text} mean nothing. No limit is -inf below, inf else")
+
+
+def _numbers_by_name(joint: Joint) -> dict[str, float]:
+    """Return the numbers of a joint that must be finite, with the names that messages use."""
+    mimic = joint.mimic or Mimic("")
+    spring = joint.spring or Spring(0.0)
+    return {
         "rotor_inertia": joint.rotor_inertia,
         "viscous_friction": joint.viscous_friction,
         "coulomb_friction": joint.coulomb_friction,
@@ -130,11 +200,3 @@ def check_joint(number, joint):
         "damping": spring.damping,
         "initial position": joint.initial_position,
     }
-    for name, value in numbers.items():
-        value = np.asarray(value)
-        if value.dtype == object:  # symbols have no value yet
-            continue
-        if not np.isfinite(value).all():
-            raise DescriptionError(f"joint {joint.name!r}: {name} is not finite")
-        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction", "stiffness", "damping")):
-            raise DescriptionError(f"joint {joint.name!r}: {name} {value:g} is negative, it would drive the joint")

@@ -1,4 +1,4 @@
-"""Where descriptions come from: a text, a file, or the name of a robot that ships with the package."""
+"""Loading of a robot from a text, from a file, or by the name of a robot that ships with the package."""
 
 import logging
 import os
@@ -6,13 +6,16 @@ import re
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
+from typing import TypedDict
 
+from robot_dynamics.array_types import ArrayLike
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import UTF16_MARKS, read_file_bytes
 from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
 from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.robot import Robot
 
 FORMATS = "a URDF, an MDH table in YAML or a SYMORO+ .par"
 SUFFIXES = (".urdf", ".yaml", ".par")
@@ -20,19 +23,60 @@ SUFFIXES = (".urdf", ".yaml", ".par")
 logger = logging.getLogger(__name__)
 
 
-def load_robot(description, *, values=None, moving_base=None, gravity=None, strict=False):
+class _ReaderOptions(TypedDict):
+    """Options that all readers have."""
+
+    source: str | Path
+    moving_base: bool | None
+    gravity: ArrayLike | None
+
+
+def load_robot(
+    description: str | bytes | Path,
+    *,
+    values: Mapping[str, float | str] | None = None,
+    moving_base: bool | None = None,
+    gravity: ArrayLike | None = None,
+    strict: bool = False,
+) -> Robot:
     """Load a robot.
 
-    description: the text of a URDF, of an MDH table in YAML or of a SYMORO+ .par, the path of such a file, or the name
-    of a robot that ships (`shipped_robots()`); or a YAML that has a URDF and tells its loops. values: {name: number or
-    expression} for names that a .par leaves open, or in the place of `parameters` of a YAML. moving_base: whether the
-    base is free to move; gravity: (3,) [m/s²], in the world; None: as the description says, else fixed, and the
-    Earth's. strict: refuse inertias that no real body has, instead of warning.
+    Parameters
+    ----------
+    description : str, bytes or Path
+        Text of a URDF, of an MDH table in YAML, of a YAML that completes a URDF, or of a SYMORO+ .par; the path of such
+        a file; or the name of a robot that ships with the package (`shipped_robots`).
+    values : mapping of str to float or str, optional
+        Numbers or expressions for names without a value in a .par, or in place of `parameters` of a YAML.
+    moving_base : bool, optional
+        Whether the base can move freely. Default: from the description, else False.
+    gravity : (3,) array_like, optional
+        Acceleration of gravity in the world frame [m/s²]. Default: from the description, else the Earth's, along -z.
+    strict : bool
+        Raise an error for inertias that no physical body has, instead of logging a warning.
 
-    Raises DescriptionError.
+    Returns
+    -------
+    Robot
+        The robot.
+
+    Raises
+    ------
+    DescriptionError
+        If the description cannot be read or describes an impossible robot.
+    MissingPackageError
+        If a package that reads the format is not installed.
+
+    Examples
+    --------
+    >>> load_robot("panda")
+    Robot('panda', 7 joints, fixed base)
     """
+    text: str | bytes
+    source: str | Path
     if isinstance(description, bytes) or (isinstance(description, str) and ("<" in description or "\n" in description)):
-        text, source = description, "description"
+        text = description
+        source = "description"
     else:
         text, source = read_description(description)
     robot = read_robot(text, source=source, values=values, moving_base=moving_base, gravity=gravity)
@@ -43,48 +87,71 @@ def load_robot(description, *, values=None, moving_base=None, gravity=None, stri
     return robot
 
 
-def read_robot(text, *, source, values=None, moving_base=None, gravity=None):
-    """The Robot of a text (str or bytes) in any of the formats; which one it is, its first characters tell.
+def read_robot(
+    text: str | bytes,
+    *,
+    source: str | Path,
+    values: Mapping[str, float | str] | None = None,
+    moving_base: bool | None = None,
+    gravity: ArrayLike | None = None,
+) -> Robot:
+    """Return the robot of a text in any of the formats, which the first characters determine.
 
-    source: what to call the text in errors, the Path of its file where it came from one, in whose folder a URDF that it
-    names is looked for; the rest as for `load_robot`. Raises DescriptionError.
+    Parameters
+    ----------
+    text : str or bytes
+        The description.
+    source : str or Path
+        Name of the text in error messages; the Path of its file, if it has one: the folder in which a URDF that the
+        text refers to is searched.
+    values, moving_base, gravity
+        As for `load_robot`.
+
+    Raises
+    ------
+    DescriptionError
+        If the description cannot be read or describes an impossible robot.
     """
-    settings = {"source": source, "moving_base": moving_base, "gravity": gravity}
+    options: _ReaderOptions = {"source": source, "moving_base": moving_base, "gravity": gravity}
     if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
         raise DescriptionError(f"{source}: values are {values!r:.60}: {{name: number or expression}} is needed")
     if is_urdf(text):
         if values:
-            raise DescriptionError(f"{source}: values of {', '.join(values)} are given, but a URDF leaves no name open")
-        return read_urdf(text, **settings)
+            raise DescriptionError(
+                f"{source}: values of {', '.join(values)} are given, but a URDF has no names without a value"
+            )
+        return read_urdf(text, **options)
     if re.match(r"\s*(\(\*|\w+\s*=)", _beginning(text)):
-        return read_par(text, values=values, **settings)
-    return read_mdh_yaml(text, values=values, **settings)
+        return read_par(text, values=values, **options)
+    return read_mdh_yaml(text, values=values, **options)
 
 
-def is_urdf(text):
-    """Whether a text (str or bytes) is to be read as a URDF: it begins as XML does."""
+def is_urdf(text: str | bytes) -> bool:
+    """Return whether a text is read as a URDF: it begins as XML does."""
     return re.match(r"\s*<", _beginning(text)) is not None
 
 
-def has_urdf(text):
-    """Whether a text (str or bytes) is a URDF or a YAML that has one: its frames are then those of a URDF."""
+def has_urdf(text: str | bytes) -> bool:
+    """Return whether a text is a URDF or a YAML that contains one: its frames are then those of a URDF."""
     return is_urdf(text) or re.search(r"^urdf[ \t]*:", _beginning(text, None), re.MULTILINE) is not None
 
 
-def _beginning(text, length=1000):
-    beginning = text[:length]
+def _beginning(text: str | bytes, length: int | None = 1000) -> str:
+    """Return the first characters of a text, decoded without errors; length None: all."""
     if isinstance(text, bytes):
         encoding = "utf-16" if text[:2] in UTF16_MARKS else "latin-1"
-        beginning = beginning.decode(encoding, "ignore").removeprefix("ï»¿")
+        beginning = text[:length].decode(encoding, "ignore").removeprefix("ï»¿")
+    else:
+        beginning = text[:length]
     return beginning.removeprefix("\ufeff")
 
 
-def read_description(name):
-    """(content in bytes, its Path, by which errors call it) of a path, or of the name of a robot that ships."""
+def read_description(name: str | Path) -> tuple[bytes, Path]:
+    """Return the content and the path of a description file, by its path or by the name of a shipped robot."""
     if not isinstance(name, str | Path) or not str(name).strip():
-        what = "empty" if isinstance(name, str) else f"{name!r}"
+        value = "empty" if isinstance(name, str) else f"{name!r}"
         raise DescriptionError(
-            f"the description is {what}: the text of {FORMATS}, its path or the name of a robot that ships is needed"
+            f"the description is {value}: the text of {FORMATS}, its path or the name of a robot that ships is needed"
         )
     shipped = shipped_robots()
     path = shipped.get(str(name), Path(name))
@@ -96,29 +163,35 @@ def read_description(name):
         raise DescriptionError(f"{error}{_shipped_hint(str(name), shipped)}") from None
 
 
-def _shipped_hint(name, shipped):
-    """What to add to an error about a file of this name that is not there: the robot that ships and may be meant."""
+def _shipped_hint(name: str, shipped: Mapping[str, Path]) -> str:
+    """Return the end of an error message about a missing file: the shipped robots with a similar name."""
     path = Path(name)
     stem = (path.stem if path.suffix.lower() in SUFFIXES else path.name).lower()
     if stem in shipped:
         return f". The robot that ships is named {stem!r}, without a folder or a suffix"
     if "/" not in name:
         return f", and no robot of that name ships: {describe_unknown_name('robot', stem, shipped)}"
-    near = get_close_matches(stem, shipped, n=3, cutoff=0.75)
-    return f". Of the robots that ship, {' or '.join(map(repr, near))} may be meant" if near else ""
+    similar = get_close_matches(stem, shipped, n=3, cutoff=0.75)
+    return f". Did you mean the robot {' or '.join(map(repr, similar))} that ships?" if similar else ""
 
 
-def shipped_robots():
-    """Paths of the descriptions that ship with the package, by name."""
+def shipped_robots() -> dict[str, Path]:
+    """Return the paths of the descriptions that ship with the package.
+
+    Returns
+    -------
+    dict of str to Path
+        Path of the description file of each robot, by the name that `load_robot` takes.
+    """
     robots = shipped_file("robots")
     if robots is None:
         return {}
     return {path.stem: path for path in sorted(robots.iterdir()) if path.suffix in SUFFIXES}
 
 
-def shipped_file(name):
-    """The Path of a file or folder of config/ that ships with the package; None where it is not there."""
-    # beside the code in a checkout, else in share/ of the prefix that the package is installed in
+def shipped_file(name: str) -> Path | None:
+    """Return the path of a file or folder of config/ that ships with the package; None where it does not exist."""
+    # beside the code in a checkout, else in share/ of the prefix of the installation
     for folder in Path(__file__).resolve().parents:
         for config in (folder / "config", folder / "share" / "robot_dynamics" / "config"):
             if (config / name).exists():

@@ -1,16 +1,30 @@
-"""A robot as the rows of an MDH table, in the order in which its links are numbered."""
+"""A robot as the rows of an MDH table, in the order of its links."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from collections.abc import Container
+from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.mdh import MDHParameters, mdh_from_placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
 
 
 class MDHTableRow(NamedTuple):
     """One frame of the table.
 
-    name: of the frame, the name of its link where a joint moves it; antecedent: name of the frame that it is placed in;
-    row: its six parameters, the joint variable zero; joint: what moves it, None for a fixed frame.
+    Attributes
+    ----------
+    name : str
+        Name of the frame: the name of its link where a joint moves it.
+    antecedent : str
+        Name of the frame in which it is placed.
+    parameters : MDHParameters
+        Its six parameters at zero joint position.
+    joint : Joint or None
+        The joint that moves it, None for a fixed frame.
     """
 
     name: str
@@ -19,29 +33,37 @@ class MDHTableRow(NamedTuple):
     joint: Joint | None
 
 
-def build_mdh_table(robot, joints=None):
-    """The TableRows of a Robot. A joint whose axis is nearly parallel to the one before has a fixed frame before it.
+def build_mdh_table(robot: Robot, joint_count: int | None = None) -> list[MDHTableRow]:
+    """Return the rows of a robot, in its own frames; `minimal_frames(robot)` has those with the fewest parameters.
 
-    The frames are the robot's own: `minimal_frames(robot)` has those with the fewest parameters. joints: how many of
-    its joints have rows, the first ones; None: all.
+    A joint whose axis is nearly parallel to the axis before it has a fixed frame before it.
+
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    joint_count : int, optional
+        Number of joints that have rows, from the first on. Default: all.
     """
     taken = {*robot.frames_by_name}
-    rows = []
-    for number, joint in enumerate(robot.joints[:joints], start=1):
-        antecedent, name = robot.links[joint.antecedent].name, robot.links[number].name
-        *before, last = mdh_from_placement(joint.placement)
-        for row in before:
-            rows.append(MDHTableRow(make_unique_name(f"{name}_offset", taken), antecedent, row, None))
+    rows: list[MDHTableRow] = []
+    for number, joint in enumerate(robot.joints[:joint_count], start=1):
+        antecedent = robot.links[joint.antecedent].name
+        name = robot.links[number].name
+        *fixed_frames, last = mdh_from_placement(joint.placement)
+        for parameters in fixed_frames:
+            rows.append(MDHTableRow(make_unique_name(f"{name}_offset", taken), antecedent, parameters, None))
             antecedent = rows[-1].name
             taken.add(antecedent)
         rows.append(MDHTableRow(name, antecedent, last, joint))
     return rows
 
 
-def make_unique_name(name, taken):
-    """`name`, or where it is taken the first of name_2, name_3, ... that is not."""
-    number, found = 1, name
-    while found in taken:
+def make_unique_name(name: str, taken: Container[str]) -> str:
+    """Return `name`, or where it is taken the first of name_2, name_3, ... that is not."""
+    number = 1
+    candidate = name
+    while candidate in taken:
         number += 1
-        found = f"{name}_{number}"
-    return found
+        candidate = f"{name}_{number}"
+    return candidate

@@ -1,4 +1,4 @@
-"""Robots whose description has no masses, as many industrial URDFs: said once, in words that lead on."""
+"""Warnings about robots without masses, as many industrial URDFs are: one warning, with the remedy."""
 
 import pytest
 from peers.real_robots import real_urdf, without_inertials
@@ -11,7 +11,7 @@ BODY = Inertia(1.0, [0.0, 0.0, 0.1], [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.01]])
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "z1", "kinova", "allegro"])
-def test_a_description_without_masses_is_warned_of_once_at_load(name, caplog):
+def test_robot_without_masses_logs_one_warning_at_load(name, caplog):
     whole, bare = load_robot(real_urdf(name)), load_robot(without_inertials(real_urdf(name)))
     assert not whole.is_massless and bare.is_massless
     assert bare.warnings.count(MASSLESS_WARNING) == 1
@@ -21,19 +21,19 @@ def test_a_description_without_masses_is_warned_of_once_at_load(name, caplog):
         load_robot(without_inertials(real_urdf(name)), strict=True)
 
 
-def test_what_counts_is_what_moves():
+def test_masslessness_depends_on_moving_links_only():
     bare = load_robot(without_inertials(real_urdf("ur5")))
     links = [frame.name for frame in bare.frames]
     assert bare.with_payload(bare.base_link, BODY).is_massless  # it is held, or carries its own mass alone
     assert not bare.with_payload("wrist_3_link", BODY).is_massless and "wrist_3_link" in links
     moving = load_robot(without_inertials(real_urdf("ur5")), moving_base=True)
-    assert moving.is_massless and any("no model has an answer" in warning for warning in moving.warnings)
+    assert moving.is_massless and any("no model has a solution" in warning for warning in moving.warnings)
     assert not load_robot('<robot name="stone"><link name="base"/></robot>').is_massless  # nothing moves
 
 
-def test_show_says_it(tmp_path, capsys):
+def test_show_command_prints_the_warning_about_missing_masses(tmp_path, capsys):
     path = tmp_path / "bare.urdf"
     path.write_text(without_inertials(real_urdf("z1")))
     assert main(["show", str(path)]) == 0
-    told = capsys.readouterr().out
-    assert f"warning: {MASSLESS_WARNING}" in told and "moving mass 0 kg" in told and told.count("warning:") == 1
+    output = capsys.readouterr().out
+    assert f"warning: {MASSLESS_WARNING}" in output and "moving mass 0 kg" in output and output.count("warning:") == 1

@@ -1,5 +1,5 @@
-"""The six numbers of an MDH row against Khalil's formula written out, and back from any placement; frames chosen anew
-against published tables; roll, pitch and yaw."""
+"""MDH parameters against Khalil's formula, and from any placement; minimal frames against published tables; roll, pitch
+and yaw."""
 
 import math
 from dataclasses import replace
@@ -57,7 +57,7 @@ def test_serial_row_is_the_matrix_of_khalil():
 
 
 @given(angles, angles, angles, lengths, lengths, lengths)
-def test_any_placement_is_one_row_or_two(first, second, third, x, y, z):
+def test_placement_is_one_row_or_two(first, second, third, x, y, z):
     matrix = placement(Rotation.from_euler("zxz", [first, second, third]).as_matrix(), [x, y, z])
     rows = mdh_from_placement(matrix)
     assert len(rows) <= 2 and all(abs(row.gamma) <= math.pi / 2 + 1e-14 for row in rows)
@@ -66,8 +66,8 @@ def test_any_placement_is_one_row_or_two(first, second, third, x, y, z):
 
 @pytest.mark.parametrize("exponent", range(-16, -1))
 @pytest.mark.parametrize("opposite", [False, True])
-def test_nearly_parallel_axes_lose_nothing(exponent, opposite):
-    """One row would lose 4e-9 m at 1e-8 rad: b and r are huge there and cancel."""
+def test_nearly_parallel_axes_keep_full_precision(exponent, opposite):
+    """One row would lose 4e-9 m at 1e-8 rad, because b and r are huge and cancel."""
     rng = np.random.default_rng(exponent + 20)
     for _ in range(50):
         tilt = 10.0**exponent * rng.uniform(1, 10) + (math.pi if opposite else 0)
@@ -117,7 +117,7 @@ def bent(angle):
     return read_urdf(f'<robot name="bent">{links}{joints}</robot>')
 
 
-def test_nothing_is_snapped_unless_asked_for():
+def test_angles_are_not_snapped_by_default():
     robot = bent(2e-5)
     kept = build_mdh_table(minimal_frames(robot))
     assert len(kept) == 4 and kept[1].joint is None  # the second axis takes two rows
@@ -132,8 +132,8 @@ def test_nothing_is_snapped_unless_asked_for():
 
 
 @pytest.mark.parametrize("name", REAL_ROBOTS)
-def test_snapping_a_real_robot_moves_its_frames_no_farther_than_asked(name):
-    """Each placement turns by the tolerance about each of three axes at most, and does not shift."""
+def test_snapping_moves_frames_of_a_real_robot_within_the_tolerance(name):
+    """Each placement turns by at most the tolerance about each of three axes, and does not shift."""
     robot, tolerance = read_urdf(real_urdf(name)), 1e-3
     moved = snap_angles(robot, tolerance)
     for before, after in zip((*robot.joints, *robot.frames), (*moved.joints, *moved.frames), strict=True):
@@ -143,11 +143,11 @@ def test_snapping_a_real_robot_moves_its_frames_no_farther_than_asked(name):
 
 
 @given(st.integers(-6, 6), st.integers(-6, 6), st.integers(-6, 6), st.floats(-9e-4, 9e-4), st.floats(-9e-4, 9e-4))
-def test_snapping_finds_the_multiples_of_15_degrees_again(first, second, third, off, more):
+def test_snapping_restores_multiples_of_15_degrees(first, second, third, off, more):
     meant = Rotation.from_euler("zxz", np.array([first, second, third]) * np.pi / 12)
-    found = (meant * Rotation.from_rotvec([off, more, -off])).as_matrix()
+    rotation = (meant * Rotation.from_rotvec([off, more, -off])).as_matrix()
     robot = bent(0.0)
-    joint = replace(robot.joints[1], placement=placement(found, [0.1, 0.2, 0.3]))
+    joint = replace(robot.joints[1], placement=placement(rotation, [0.1, 0.2, 0.3]))
     robot = replace(robot, joints=(robot.joints[0], joint, robot.joints[2]))
     turn = meant.inv() * Rotation.from_matrix(snap_angles(robot, 1e-2).joints[1].placement[:3, :3])
     assert turn.magnitude() < 1e-2

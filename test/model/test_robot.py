@@ -38,12 +38,12 @@ def random_inertia(rng):
 
 
 def point_masses(points, masses):
-    """Inertia of point masses, from its definition."""
+    """Return the inertia of point masses, from its definition."""
     second = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, points, strict=True))
     return Inertia(masses.sum(), masses @ points, second)
 
 
-def test_inertia_seen_from_another_frame_is_that_of_the_moved_points():
+def test_inertia_in_another_frame_is_that_of_the_moved_points():
     rng = np.random.default_rng(0)
     for _ in range(20):
         points, masses, body = random_inertia(rng)
@@ -72,7 +72,7 @@ def test_frames_along_axes_of_the_description_have_entries_zero_and_one_only(axi
     assert np.linalg.det(rotation) == pytest.approx(1)
 
 
-def test_fixed_link_is_lumped_and_stays_known_as_a_frame():
+def test_fixed_link_is_lumped_and_remains_a_frame():
     robot = read_urdf(arm(tip=inertial(0.5, 1e-3, 1e-3, 1e-3)))
     assert [link.name for link in robot.links] == ["base", "upper"]
     assert {frame.name for frame in robot.frames} == {"base", "upper", "tip"}
@@ -94,7 +94,7 @@ def test_joint_without_limits_and_continuous_joint_are_unbounded():
     assert read_urdf(arm().replace("revolute", "continuous")).joints[0].limits.upper == np.inf
 
 
-def test_root_that_floats_makes_the_base_move_unless_told_otherwise():
+def test_floating_root_makes_the_base_move_by_default():
     text = f"""<robot name="free"><link name="world"/><link name="body">{inertial(3, 1, 1, 1)}</link>
       <joint name="root" type="floating"><parent link="world"/><child link="body"/></joint></robot>"""
     robot = read_urdf(text)
@@ -104,7 +104,7 @@ def test_root_that_floats_makes_the_base_move_unless_told_otherwise():
     assert read_urdf(arm(), moving_base=True).moving_base
 
 
-def test_floating_base_held_fixed_stands_where_the_origin_of_its_joint_says():
+def test_fixed_floating_base_stands_at_the_origin_of_its_joint():
     text = """<robot name="tilted"><link name="world"/><link name="body"/><link name="rod">{}</link>
       <joint name="root" type="{}"><parent link="world"/><child link="body"/>
         <origin xyz="0 0 1" rpy="1.2 0 0"/></joint>
@@ -130,7 +130,7 @@ def test_base_inertia_counts_only_where_the_base_moves():
 @pytest.mark.parametrize(
     ("moments", "objection"), [((1, 1, 3), "triangle"), ((-0.5, 1, 1), "positive definite"), ((1, 1, 1.5), None)]
 )
-def test_impossible_inertia_is_warned_of_by_link_and_refused_when_strict(moments, objection, caplog):
+def test_impossible_inertia_causes_a_warning_and_is_refused_when_strict(moments, objection, caplog):
     text = arm().replace('ixx="0.01"', f'ixx="{moments[0]}"').replace('iyy="0.02"', f'iyy="{moments[1]}"')
     text = text.replace('izz="0.02"', f'izz="{moments[2]}"')
     robot = load_robot(text)
@@ -143,11 +143,11 @@ def test_impossible_inertia_is_warned_of_by_link_and_refused_when_strict(moments
             load_robot(text, strict=True)
 
 
-def test_impossible_fixed_link_is_no_objection_where_the_whole_body_is_possible():
+def test_impossible_fixed_link_causes_no_warning_in_a_possible_body():
     assert read_urdf(arm(tip=inertial(0.1, 0, 0, 1e-3))).warnings == ()
 
 
-def test_link_that_moves_without_mass_is_warned_of():
+def test_moving_link_without_mass_causes_a_warning():
     text = arm().replace('<mass value="2"/>', '<mass value="0"/>')
     text = text.replace('ixx="0.01"', 'ixx="0"').replace('iyy="0.02"', 'iyy="0"').replace('izz="0.02"', 'izz="0"')
     (warning,) = read_urdf(text).warnings  # no link that moves has a mass
@@ -160,7 +160,7 @@ def test_link_that_moves_without_mass_is_warned_of():
     assert any("idle" in warning and "nothing with inertia" in warning for warning in read_urdf(two).warnings)
 
 
-def test_rod_that_turns_about_itself_is_warned_of():
+def test_joint_about_a_thin_rod_causes_a_warning():
     text = arm(between=mimicking(1, 0)).replace('<mimic joint="shoulder" multiplier="1" offset="0"/>', "")
     rod = text.replace(inertial(1, 1, 1, 1), inertial(1, 1, 1, 0))
     assert read_urdf(text).warnings == ()
@@ -169,13 +169,13 @@ def test_rod_that_turns_about_itself_is_warned_of():
         Dynamics(read_urdf(rod)).direct([0, 0], [0, 0], [0, 0])
 
 
-def test_massless_joint_that_moves_with_another_is_not_warned_of():
+def test_massless_mimic_joint_causes_no_warning():
     text = arm(between=mimicking(1, 0)).replace(inertial(1, 1, 1, 1), "")
     assert read_urdf(text).warnings == ()
     assert np.isfinite(Dynamics(read_urdf(text)).direct([0], [0], [1])).all()
 
 
-def test_moments_rounded_to_four_digits_are_no_objection():
+def test_moments_rounded_to_four_digits_cause_no_warning():
     assert Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1167])).find_inconsistencies() == []
     assert "triangle" in Inertia(1, np.zeros(3), np.diag([0.0333, 0.0833, 0.1177])).find_inconsistencies()[0]
     assert "positive" in Inertia(1, np.zeros(3), np.diag([1, 1, -1e-10])).find_inconsistencies()[0]
@@ -192,7 +192,7 @@ def test_moments_rounded_to_four_digits_are_no_objection():
         (1, [0] * 3, np.triu(np.ones((3, 3)))),
     ],
 )
-def test_inertia_of_another_shape_is_refused(arguments):
+def test_inertia_of_a_wrong_shape_is_refused(arguments):
     with pytest.raises(DescriptionError, match="of an inertia"):
         Inertia(*arguments)
 
@@ -203,7 +203,7 @@ def mimicking(multiplier, offset, of="shoulder"):
         <mimic joint="{of}" multiplier="{multiplier}" offset="{offset}"/></joint>"""
 
 
-def test_mimic_joint_is_no_coordinate_of_its_own():
+def test_mimic_joint_is_not_a_coordinate():
     dynamics = Dynamics(read_urdf(arm(between=mimicking(-2, 0.5))))
     assert dynamics.joint_names == ("shoulder",) and dynamics.all_joint_names == ("shoulder", "follower")
     np.testing.assert_allclose(dynamics.expand_positions(np.array([0.3])), [0.3, -0.1])
@@ -211,7 +211,7 @@ def test_mimic_joint_is_no_coordinate_of_its_own():
     np.testing.assert_allclose(dynamics.project_efforts(np.array([1.0, 2.0])), [-3.0])
 
 
-def test_mimic_of_a_mimic_is_followed_to_its_leader():
+def test_mimic_of_a_mimic_is_resolved():
     chain = mimicking(-2, 0.5) + mimicking(3, 1, of="follower").replace('"follower"', '"last"', 1).replace(
         '"finger"', '"claw"'
     ).replace('joint="last"', 'joint="follower"')
@@ -220,12 +220,12 @@ def test_mimic_of_a_mimic_is_followed_to_its_leader():
 
 
 @pytest.mark.parametrize(("of", "reason"), [("shoudler", "did you mean 'shoulder'"), ("follower", "mimics itself")])
-def test_mimic_without_a_leader_is_refused(of, reason):
+def test_mimic_of_an_unknown_joint_is_refused(of, reason):
     with pytest.raises(DescriptionError, match=reason):
         read_urdf(arm(between=mimicking(1, 0, of=of)))
 
 
-def test_payload_is_the_same_as_a_link_welded_there():
+def test_payload_equals_a_link_welded_there():
     payload = Inertia(0.5, [0.05, 0.0, 0.02], np.diag([0.01, 0.02, 0.02]))
     loaded = read_urdf(arm()).with_payload("tip", payload)
     com = payload.first_moments / 0.5
@@ -233,9 +233,14 @@ def test_payload_is_the_same_as_a_link_welded_there():
     entries = " ".join(
         f'{name}="{central[index]!r}"'.replace("np.float64(", "").replace(")", "")
         for name, index in {
-            "ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)
+            "ixx": (0, 0),
+            "ixy": (0, 1),
+            "ixz": (0, 2),
+            "iyy": (1, 1),
+            "iyz": (1, 2),
+            "izz": (2, 2),
         }.items()
-    )  # fmt: skip
+    )
     welded = read_urdf(
         arm(tip=f'<inertial><origin xyz="{com[0]} 0 {com[2]}"/><mass value="0.5"/><inertia {entries}/></inertial>')
     )
@@ -269,15 +274,15 @@ def test_impossible_payload_is_refused(link, payload, reason):
         ({"placement": np.diag([-1.0, 1, 1, 1])}, "its placement is no matrix"),
     ],
 )
-def test_joint_that_means_nothing_is_refused(fields, reason):
+def test_undefined_urdf_joint_is_refused(fields, reason):
     robot = load_robot("ur5e")
     joints = (replace(robot.joints[0], **fields), *robot.joints[1:])
     with pytest.raises(DescriptionError, match=reason):
         replace(robot, joints=joints)
 
 
-def test_thousands_of_joints_are_judged_in_a_moment():
-    """Not once for each pair: a table of 2000 rows loads, and its warnings come, in seconds."""
+def test_many_joints_are_checked_quickly():
+    """The time is not quadratic: a table of 2000 rows loads, with its warnings, in seconds."""
     rows = "".join(
         f"  - {{joint: j{k}, link: l{k}, mdh: {{d: 0.1}}, mass: 1, inertia: {{zz: 1}}}}\n" for k in range(2000)
     )
@@ -286,7 +291,7 @@ def test_thousands_of_joints_are_judged_in_a_moment():
     assert time.monotonic() - start < 60
 
 
-def test_robot_put_together_wrongly_is_refused():
+def test_inconsistent_robot_is_refused():
     robot = read_urdf(random_urdf(4, joints=5))
     with pytest.raises(DescriptionError, match="one link more"):
         replace(robot, links=robot.links[:-1])
@@ -302,7 +307,7 @@ def test_robot_put_together_wrongly_is_refused():
         replace(robot, moving_base="fixed")
     with pytest.raises(DescriptionError, match="is on link 99"):
         replace(robot, frames=(*robot.frames, Frame("x", 99, np.eye(4))))
-    with pytest.raises(DescriptionError, match="is no frame"):
+    with pytest.raises(DescriptionError, match="has no frame"):
         replace(robot, frames=())
 
 
@@ -315,7 +320,7 @@ def test_robot_put_together_wrongly_is_refused():
         ({"mimic": Mimic("joint_1", np.nan)}, "multiplier is not finite"),
     ],
 )
-def test_joint_that_cannot_be_is_refused(changes, reason):
+def test_impossible_joint_is_refused(changes, reason):
     robot = read_urdf(random_urdf(4, joints=5))
     with pytest.raises(DescriptionError, match=reason):
         replace(robot, joints=(*robot.joints[:-1], replace(robot.joints[-1], **changes)))

@@ -18,11 +18,11 @@ def test_robot_loads_and_both_models_agree(name):
     if robot.loops:
         q = reachable(dynamics, 20, rng)
     qdd[:, [dynamics.joint_names.index(name) for name in dynamics.unactuated_joint_names]] = np.nan
-    answer = dynamics.solve(q, qd, qdd=qdd)
-    np.testing.assert_allclose(dynamics.direct(q, qd, answer.efforts), answer.accelerations, rtol=1e-7, atol=1e-7)
+    result = dynamics.solve(q, qd, qdd=qdd)
+    np.testing.assert_allclose(dynamics.direct(q, qd, result.efforts), result.accelerations, rtol=1e-7, atol=1e-7)
 
 
-def test_puma_has_the_gravity_constants_that_were_measured_with_it():
+def test_puma_has_its_measured_gravity_constants():
     """g1..g5 [N m] of Armstrong, Khatib and Burdick 1986, Table A: gravity of joint 2 is g1 cos θ2 + g3 sin θ2
     + g2 sin θ23 + g4 cos θ23 + ..., measured with the motors off; -37.2, -8.44, 1.02, 0.249, -0.0282."""
     dynamics = Dynamics(load_robot("puma560"))
@@ -40,7 +40,7 @@ def test_puma_has_the_gravity_constants_that_were_measured_with_it():
     assert abs(abs(g5) - 0.0282) < 5e-4
 
 
-def test_rx90_balances_as_its_spring_was_made_to():
+def test_rx90_is_balanced_by_its_spring():
     """The balancing spring of joint 2 bears about 176 N m with the arm level and the forearm upright (the law and the
     figures of the spring in the same source): gravity of joint 2 is within 3 % of it."""
     stretched = np.hypot(0.06, 0.45)
@@ -64,15 +64,15 @@ def test_manutec_has_the_composite_inertia_of_the_dfvlr_model():
     np.testing.assert_allclose(moments, [0.437, 7.870, 8.108], rtol=0.02)
 
 
-def test_gears_of_the_manutec_give_way_under_its_weight():
-    """The arm level: each gear turns by the load on it over its stiffness, less than a milliradian and a half."""
+def test_gears_of_the_manutec_deflect_under_its_weight():
+    """With a horizontal arm each gear deflects by its load divided by its stiffness, less than 1.5 mrad."""
     dynamics = Dynamics(load_robot("manutec_r3"))
     q = np.zeros(9)
     q[2] = np.pi / 2
-    found = dynamics.equilibrium(q)
+    equilibrium = dynamics.equilibrium(q)
     for motor, spring, stiffness in ((0, 1, 43 * 105**2), (2, 3, 8 * 210**2), (4, 5, 58 * 60**2)):
-        assert found.positions[spring] * stiffness == pytest.approx(-found.efforts[motor], abs=1e-6)
-    assert found.stable and 1e-3 < np.abs(found.positions[[1, 3, 5]]).max() < 5e-3
+        assert equilibrium.positions[spring] * stiffness == pytest.approx(-equilibrium.efforts[motor], abs=1e-6)
+    assert equilibrium.stable and 1e-3 < np.abs(equilibrium.positions[[1, 3, 5]]).max() < 5e-3
 
 
 @pytest.mark.parametrize(
@@ -82,16 +82,16 @@ def test_gears_of_the_manutec_give_way_under_its_weight():
         ("config/panda.yaml", "The robot that ships is named 'panda', without"),
         ("PUMA560.par", "The robot that ships is named 'puma560', without"),
         ("pandas.urdf", "did you mean 'panda'?"),
-        ("/nowhere/ur5.urdf", "Of the robots that ship, 'ur5e' may be meant"),
+        ("/nowhere/ur5.urdf", "Did you mean the robot 'ur5e' that ships?"),
     ],
 )
-def test_a_misspelt_path_leads_to_the_robot_that_ships(path, hint):
+def test_misspelt_path_leads_to_the_shipped_robot(path, hint):
     with pytest.raises(DescriptionError, match="cannot be read as a file") as refused:
         load_robot(path)
     assert hint in str(refused.value)
 
 
-def test_a_file_that_is_there_and_one_like_no_robot_get_no_hint(tmp_path, monkeypatch):
+def test_existing_file_and_unlike_names_cause_no_hint(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "panda.urdf").write_text("")
     for path in ("panda.urdf", "/nowhere/something_else.urdf"):

@@ -1,4 +1,4 @@
-"""Any robot that can be described, drawn by hypothesis."""
+"""Arbitrary valid robots, drawn by hypothesis."""
 
 import numpy as np
 from hypothesis import strategies as st
@@ -19,17 +19,18 @@ NAMES = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_si
 
 @st.composite
 def robots(draw, names=NAMES):
-    """Any robot that can be described: trees, loops, every kind of joint, odd names and numbers.
+    """Draw any valid robot: trees, loops, every kind of joint, unusual names and numbers.
 
-    The last of the joints may be cuts: they end branches, and most of them are as a cut joint is. names: a strategy.
+    The last joints may be cut joints: they end branches, and most of them satisfy all conditions of `cut_joints`.
+    names: a strategy.
     """
     count, cuts = draw(st.integers(0, 5)), draw(st.integers(0, 3))
     tree, count = count, count + cuts
-    found = draw(st.lists(names, min_size=3 * count + 4, max_size=3 * count + 4, unique=True))
-    joint_names, link_names, others = found[:count], found[count : 2 * count + 1], found[2 * count + 1 :]
+    texts = draw(st.lists(names, min_size=3 * count + 4, max_size=3 * count + 4, unique=True))
+    joint_names, link_names, frame_names = texts[:count], texts[count : 2 * count + 1], texts[2 * count + 1 :]
     odd = [k >= tree and draw(st.integers(0, 9)) == 0 for k in range(count)]
 
-    def place():
+    def random_pose():
         return placement(
             rotation_from_roll_pitch_yaw(*(draw(reals) for _ in range(3))), [draw(reals) for _ in range(3)]
         )
@@ -49,7 +50,7 @@ def robots(draw, names=NAMES):
                 name=joint_names[k],
                 antecedent=draw(st.integers(0, k if odd[k] else min(k, tree))),
                 prismatic=draw(st.booleans()),
-                placement=place(),
+                placement=random_pose(),
                 rotor_inertia=0.0 if cut else draw(positive),
                 viscous_friction=draw(positive),
                 coulomb_friction=draw(positive),
@@ -60,8 +61,10 @@ def robots(draw, names=NAMES):
                 initial_position=draw(reals),
             )
         )
-    frames = [Frame(name, k, place() if k and draw(st.booleans()) else np.eye(4)) for k, name in enumerate(link_names)]
-    frames += [Frame(name, draw(st.integers(0, count)), place()) for name in others]
+    frames = [
+        Frame(name, k, random_pose() if k and draw(st.booleans()) else np.eye(4)) for k, name in enumerate(link_names)
+    ]
+    frames += [Frame(name, draw(st.integers(0, count)), random_pose()) for name in frame_names]
     return Robot(
         name=draw(names),
         links=tuple(
@@ -72,21 +75,23 @@ def robots(draw, names=NAMES):
         frames=tuple(frames),
         moving_base=draw(st.booleans()),
         gravity=[draw(reals) for _ in range(3)],
-        loops=draw_loops(draw, joint_names, tree, others, place) if count else (),
+        loops=draw_loops(draw, joint_names, tree, frame_names, random_pose) if count else (),
     )
 
 
-def draw_loops(draw, joint_names, tree, others, place):
-    """Loops of a robot: one at each joint after those of the tree, and others, welds and ball joints, in between."""
+def draw_loops(draw, joint_names, tree, frame_names, random_pose):
+    """Draw the loops of a robot: one at each joint after those of the tree, and welds and ball joints in between."""
     count, loops = len(joint_names), []
     any_link = st.integers(0, count) if draw(st.integers(0, 3)) == 0 or tree == 0 else st.integers(0, tree)
     for number in range(tree + 1, count + 1):
         closed_on = draw(any_link)
         if draw(st.integers(0, 9)) and closed_on != number:
-            loops.append(Loop(joint_names[number - 1], LoopEnd(number, np.eye(4)), LoopEnd(closed_on, place())))
-    free = sorted({*others, *joint_names} - {loop.name for loop in loops})
+            loops.append(Loop(joint_names[number - 1], LoopEnd(number, np.eye(4)), LoopEnd(closed_on, random_pose())))
+    free = sorted({*frame_names, *joint_names} - {loop.name for loop in loops})
     for name in draw(st.lists(st.sampled_from(free), max_size=2, unique=True)):
         moved, closed_on = draw(st.lists(any_link, min_size=2, max_size=2, unique=True))
-        loop = Loop(name, LoopEnd(moved, place()), LoopEnd(closed_on, place()), is_spherical=draw(st.booleans()))
+        loop = Loop(
+            name, LoopEnd(moved, random_pose()), LoopEnd(closed_on, random_pose()), is_spherical=draw(st.booleans())
+        )
         loops.insert(draw(st.integers(0, len(loops))), loop)
     return tuple(loops)

@@ -1,9 +1,9 @@
-"""A 3-RPS with made-up numbers, as a table: in each leg the motor is followed by a spring, along the same line. What
-moves between motor and spring has mass, off the line, and the passive joints have friction."""
+"""A 3-RPS with invented numbers, as a table: in each leg the motor and a spring act along the same line. The link
+between motor and spring has mass, off the line, and the passive joints have friction."""
 
 
 def elastic_3rps(stiffness=2e4, damping=0.0):
-    """The text of its description."""
+    """Return the text of the description."""
     return f"""
 robot: elastic_3rps
 parameters: {{r: 0.4, p: 0.25, height: 0.6, lean: "atan2(height, r - p)", leg: "sqrt((r - p)^2 + height^2)"}}

@@ -1,4 +1,4 @@
-"""A planar five-bar linkage, two cranks driven: as a Robot with a loop, and as Lagrange's equations M(q) q̈ + H = Γ.
+"""A planar five-bar linkage, two cranks actuated: as a Robot with a loop, and as Lagrange's equations M(q) q̈ + H = Γ.
 
 In the plane, the left crank turns about the origin, the right one about (ground, 0); each carries a rod at its end, and
 the ends of the rods are hinged to each other. Angles of links are to the x axis; those of the rods' joints are between
@@ -34,7 +34,7 @@ class FiveBar(PlanarLagrange):
     """cranks, rods: lengths, left and right [m]; ground [m]. bodies: PlanarBody of left crank, left rod, right crank,
     right rod, x along the link.
 
-    joints: JointProperties of these four links' joints and of the cut joint. mode: 1 or −1, on which side of the way
+    joints: JointProperties of these four links' joints and of the cut joint. mode: 1 or −1, on which side of the line
     from the left rod's joint to the right one's the rods meet. plane: (4, 4) of the linkage in the world; gravity: (3,)
     [m/s²]. q: (2,) angles of the left and of the right crank.
     """
@@ -99,9 +99,9 @@ class FiveBar(PlanarLagrange):
         return list(zip(self.bodies, origins, angles, origin_rates, rates, strict=True))
 
     def robot(self, start):
-        """The Robot, its initial positions those of the cranks' angles `start` (2,) [rad].
+        """Return the Robot with the initial positions at the cranks' angles `start` (2,) [rad].
 
-        Joints: left (driven), left_rod, right (driven), right_rod, and cut, which moves a link without inertia.
+        Joints: left (actuated), left_rod, right (actuated), right_rod, and cut, which moves a link without inertia.
         """
         names = ["left", "left_rod", "right", "right_rod", "cut"]
         placements = [
@@ -131,7 +131,7 @@ class FiveBar(PlanarLagrange):
 
 
 def random_five_bar(seed, friction=True, springs=False):
-    """Rods long enough for the cranks to turn all the way, anywhere in space."""
+    """Return a five-bar anywhere in space, with rods long enough for full turns of the cranks."""
     rng = np.random.default_rng([seed, 5])
     cranks, rods = tuple(rng.uniform(0.15, 0.3, 2)), tuple(rng.uniform(0.7, 0.9, 2))
     return FiveBar(

@@ -1,4 +1,4 @@
-"""The free-flying arm that ships, and the same in Pinocchio."""
+"""The shipped free-flying arm, also as a model of Pinocchio."""
 
 from xml.etree import ElementTree
 
@@ -14,7 +14,7 @@ VELOCITIES = np.array([0.5, -0.3, 0.4, 0.2, -0.5, 0.6])
 
 def peer_of(name, joints, gravity=None, moving_base=False):
     tree = ElementTree.parse(shipped_robots()[name])
-    for joint in tree.getroot().findall("joint[@type='floating']"):  # the peer puts its own there
+    for joint in tree.getroot().findall("joint[@type='floating']"):  # the peer adds its own
         tree.getroot().remove(joint)
         tree.getroot().remove(tree.find(f"link[@name='{joint.find('parent').get('link')}']"))
     peer = PinocchioModel(ElementTree.tostring(tree.getroot(), encoding="unicode"), joints, moving_base)

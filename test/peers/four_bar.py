@@ -1,7 +1,7 @@
 """A planar four-bar linkage: as a Robot with a loop, and as Lagrange's equation m(q) q̈ + ½ m′(q) q̇² + V′(q) = Γ.
 
 In the plane, the crank turns about the origin and carries the coupler at its end; the rocker turns about (ground, 0);
-the coupler's end is hinged to the rocker's. Angles of links are to the x axis. The driven joint is the crank's; the
+the coupler's end is hinged to the rocker's. Angles of links are to the x axis. The actuated joint is the crank's; the
 angle of the coupler's joint is that between crank and coupler, of the cut joint that between coupler and rocker.
 """
 
@@ -33,7 +33,7 @@ from .planar_lagrange import (
 class FourBar(PlanarLagrange):
     """crank, coupler, rocker, ground: lengths [m]. bodies: PlanarBody of crank, coupler and rocker, x along the link.
 
-    joints: JointProperties of crank, coupler, rocker and cut joint. mode: 1 or −1, on which side of the way from the
+    joints: JointProperties of crank, coupler, rocker and cut joint. mode: 1 or −1, on which side of the line from the
     coupler's joint to the rocker's the two meet. plane: (4, 4) of the linkage in the world; gravity: (3,) [m/s²].
     """
 
@@ -85,10 +85,10 @@ class FourBar(PlanarLagrange):
         return list(zip(self.bodies, origins, angles, [still, hinge_rate, still], rates, strict=True))
 
     def robot(self, start, ball=False):
-        """The Robot, its initial positions those of the crank at `start` [rad], a number or (1,).
+        """Return the Robot, initially at the crank's angle `start` [rad], a number or (1,).
 
-        Joints: crank (driven), coupler, rocker, and cut, which moves a link without inertia. ball: the loop is cut at a
-        ball joint in the place of the cut joint, which is then not there.
+        Joints: crank (actuated), coupler, rocker, and cut, which moves a link without inertia.
+        ball: the loop is cut at a ball joint, and the cut joint is absent.
         """
         angles = self.positions(np.atleast_1d(start))
         names = ["crank", "coupler", "rocker", "cut"]
@@ -117,7 +117,7 @@ class FourBar(PlanarLagrange):
 
 
 def random_four_bar(seed, friction=True, springs=False):
-    """A crank-rocker, so that the crank turns all the way, anywhere in space.
+    """Return a crank-rocker anywhere in space, whose crank can make full turns.
 
     By Grashof's rule the shortest link, the crank, and the longest are together shorter than the other two.
     """

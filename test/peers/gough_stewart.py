@@ -1,4 +1,4 @@
-"""A Gough-Stewart platform with made-up numbers, six legs of a universal, a sliding and a ball joint, as a Robot."""
+"""A Gough-Stewart platform with invented numbers, six legs of a universal, a sliding and a ball joint, as a Robot."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def body(mass, moments, centre):
 
 
 def gough_stewart(friction=True):
-    """A Robot with rotors and, if asked for, friction in the drives and one passive joint of each leg."""
+    """Return a Robot with rotors; friction: in the drives and one passive joint of each leg."""
     links, joints, ends = [("base", Inertia())], [], []
     for k, (here, there) in enumerate(zip(ON_BASE, ON_PLATFORM, strict=True)):
         low = 0.5 * np.array([np.cos(here), np.sin(here), 0])
@@ -29,12 +29,27 @@ def gough_stewart(friction=True):
         x, y, z = along / length
         first = len(links)
         joints += [
-            Joint(f"u{k}", 0, False, placement(CYCLIC_ROTATION, low), actuated=False, initial_position=np.arctan2(-y, z),
-                  viscous_friction=0.1 * friction),
+            Joint(
+                f"u{k}",
+                0,
+                False,
+                placement(CYCLIC_ROTATION, low),
+                actuated=False,
+                initial_position=np.arctan2(-y, z),
+                viscous_friction=0.1 * friction,
+            ),
             Joint(f"v{k}", first, False, placement(CYCLIC_ROTATION), actuated=False, initial_position=np.arcsin(x)),
-            Joint(f"leg{k}", first + 1, True, placement(CYCLIC_ROTATION), initial_position=length, rotor_inertia=0.3,
-                  viscous_friction=5.0 * friction, coulomb_friction=1.0 * friction),
-        ]  # fmt: skip
+            Joint(
+                f"leg{k}",
+                first + 1,
+                True,
+                placement(CYCLIC_ROTATION),
+                initial_position=length,
+                rotor_inertia=0.3,
+                viscous_friction=5.0 * friction,
+                coulomb_friction=1.0 * friction,
+            ),
+        ]
         links += [
             (f"cross{k}", body(0.2, [1e-3, 2e-3, 1e-3], [0, 0, 0])),
             (f"cylinder{k}", body(2.0, [0.05, 0.05, 0.01], [0.2, 0, 0.01])),

@@ -1,4 +1,4 @@
-"""A Panda whose truth is known: the friction that is put in, the noise on its efforts, and what a fit is to find."""
+"""A Panda with known parameters: friction, noise on the efforts, and the values that a fit should return."""
 
 from dataclasses import replace
 
@@ -12,11 +12,13 @@ COULOMB = np.array([1.0, 1.2, 0.8, 0.7, 0.3, 0.2, 0.2])
 
 
 def truth(columns, offsets=0.0):
-    """(P,) values of EffortColumns, from the description and what was put in; offsets (7,) of the joints."""
+    """Return the true values (P,) of EffortColumns; offsets: (7,) of the joints."""
     robot = columns.dynamics.robot
-    joints = [replace(joint, viscous_friction=fv, coulomb_friction=fs) for joint, fv, fs
-              in zip(robot.joints, VISCOUS, COULOMB, strict=True)]  # fmt: skip
+    joints = [
+        replace(joint, viscous_friction=fv, coulomb_friction=fs)
+        for joint, fv, fs in zip(robot.joints, VISCOUS, COULOMB, strict=True)
+    ]
     parameters = Dynamics(replace(robot, joints=tuple(joints))).parameters
-    others = np.zeros(len(columns.names) - len(columns.parameter_indices))
-    others[:7] = offsets
-    return np.concatenate([columns.grouping_matrix @ parameters, others])
+    remainder = np.zeros(len(columns.names) - len(columns.parameter_indices))
+    remainder[:7] = offsets
+    return np.concatenate([columns.grouping_matrix @ parameters, remainder])

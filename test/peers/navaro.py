@@ -13,7 +13,7 @@ GROUND, BAR_LENGTH, SPOKE = 0.7 / np.sqrt(3), 0.21, 0.2027
 
 
 def navaro_frame(x, y, theta):
-    """The Frame at a pose of the platform: 90 displacements."""
+    """Return the Frame at a pose of the platform, with 90 displacements."""
     frame = Frame()
     P = np.array([x, y, 0.0])
     centre = frame.node(P)

@@ -1,5 +1,5 @@
-"""Two planar 3-RRR in series with made-up numbers, as a table: the upper one stands askew on a turntable that the
-platform of the lower one carries, and a pointer turns on the upper one. Springs stand in the legs, if asked for."""
+"""Two planar 3-RRR in series with invented numbers, as a table: the upper one stands askew on a turntable that the
+platform of the lower one carries, and a pointer turns on the upper one. The legs may have springs."""
 
 LEG = """\
   - joints:
@@ -49,11 +49,15 @@ MOUNT = """\
 
 
 def planar_stack(springs=None):
-    """The text of its description. springs: `gears` between the motors and their cranks, or `mounts` that carry the
-    motors."""
+    """Return the text of the description.
+
+    springs: `gears` between the motors and their cranks, or `mounts` that carry the motors.
+    """
     leg = LEG.format(mount=MOUNT if springs == "mounts" else "", gear=GEAR if springs == "gears" else "")
     around = ("pi/2", "-5*pi/6", "-pi/6")
-    copies = [COPY.format(platform=platform, number=number, toward=toward, size=size)
-              for platform, size in (("lower", 1), ("upper", 0.4))
-              for number, toward in enumerate(around, start=1)]  # fmt: skip
+    copies = [
+        COPY.format(platform=platform, number=number, toward=toward, size=size)
+        for platform, size in (("lower", 1), ("upper", 0.4))
+        for number, toward in enumerate(around, start=1)
+    ]
     return WHOLE.format() + leg + "".join(copies)

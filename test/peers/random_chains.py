@@ -12,13 +12,17 @@ MOMENTS = {"XX": (0, 0), "XY": (0, 1), "XZ": (0, 2), "YY": (1, 1), "YZ": (1, 2),
 
 
 def random_chain(seed, joints=6):
-    """A chain of revolute and prismatic joints, right angles and others between their axes."""
+    """Return a chain of revolute and prismatic joints, right angles and others between their axes."""
     rng = np.random.default_rng([seed, 7])
     links, made, frames = [Link("base", Inertia())], [], [Frame("base", 0, np.eye(4))]
     for j in range(1, joints + 1):
         alpha = rng.choice([0.0, np.pi / 2, -np.pi / 2, rng.uniform(-3, 3)])
-        row = MDHParameters(alpha=alpha, d=rng.choice([0.0, rng.uniform(-1, 1)]), theta=rng.choice([0.0, rng.uniform(-3, 3)]),
-                  r=rng.uniform(-1, 1))  # fmt: skip
+        row = MDHParameters(
+            alpha=alpha,
+            d=rng.choice([0.0, rng.uniform(-1, 1)]),
+            theta=rng.choice([0.0, rng.uniform(-3, 3)]),
+            r=rng.uniform(-1, 1),
+        )
         J = rng.uniform(-0.2, 0.2, (3, 3))
         inertia = Inertia(rng.uniform(0.5, 5), rng.uniform(-1, 1, 3), J + J.T + np.eye(3))
         made.append(
@@ -32,7 +36,7 @@ def random_chain(seed, joints=6):
 
 
 def with_symbols(robot, trace):
-    """(robot, values): the same robot with a symbol for each inertial parameter, and what the symbols stand for."""
+    """Return the same robot with a symbol for each inertial parameter, and the values of the symbols by name."""
     values, links, joints = {}, [robot.links[0]], []
 
     def symbol(name, value):

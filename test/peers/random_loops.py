@@ -1,6 +1,6 @@
-"""Random robots with loops that close: trees, and chains that leave one link and arrive at another where it is.
+"""Random robots with loops that close: trees, and chains between two links.
 
-The joints are put where they are at random positions, and frame k+B where frame k then is. Kinds of loops:
+The joints are placed at random positions, and frame k+B at the resulting pose of frame k. Kinds of loops:
 
 planar: four to six joints, all axes parallel or across (sliding), so that three of six equations are redundant;
 spatial: as many joints in any direction as give one degree of freedom or two, or none more where it ties two links;
@@ -27,8 +27,9 @@ WORST_CONDITION = 1e3
 
 
 class LoopedRobot(NamedTuple):
-    """robot; q: (n,) closed positions of all joints, also the initial ones; dependents: numbers of the joints that the
-    loops move, all passive; independents: of the others that follow none, actuated or elastic, as many as the mobility.
+    """robot; q: (n,) closed positions of all joints, also the initial ones; dependents: numbers of the joints that
+    depend on the others by the loops, all passive; independents: numbers of the others without mimic joints, actuated
+    or elastic, as many as the mobility.
     """
 
     robot: Robot
@@ -38,30 +39,30 @@ class LoopedRobot(NamedTuple):
 
 
 def random_loops(seed, loops=None, kinds=KINDS, moving_base=None, elastic=True, mimics=True):
-    """A LoopedRobot with one to three loops of some `kinds`, which may hang on each other, in a tree.
+    """Return a LoopedRobot with one to three loops of some `kinds`, which may share links, in a tree.
 
     loops: how many, None: any; moving_base: None: either; elastic: whether some of the independent joints are elastic,
-    and some driven ones have springs; mimics: whether joints outside of the loops may follow driven ones.
+    and some actuated ones have springs; mimics: whether joints outside of the loops may mimic actuated ones.
     """
     for attempt in range(200):
         rng = np.random.default_rng([seed, attempt, 6])
         base_moves = bool(rng.random() < 0.3) if moving_base is None else moving_base
-        growing = _Growing(rng, base_moves)
+        builder = _Builder(rng, base_moves)
         for _ in range(rng.integers(0, 4)):
-            growing.hang(growing.any_link())
+            builder.add_joint(builder.any_link())
         for _ in range(int(rng.integers(1, 4)) if loops is None else loops):
-            growing.close(str(rng.choice(kinds)))
+            builder.add_loop(str(rng.choice(kinds)))
         for _ in range(rng.integers(0, 3)):
-            growing.hang(growing.any_link())
-        robot, q = growing.robot(f"loops_{seed}"), np.array(growing.q)
-        dependents = _dependents(robot, q, growing.cut_joints, rng)
-        if dependents is None or not _goes_on(robot, q, dependents, rng):
+            builder.add_joint(builder.any_link())
+        robot, q = builder.robot(f"loops_{seed}"), np.array(builder.q)
+        dependents = _dependents(robot, q, builder.cut_joints, rng)
+        if dependents is None or not _is_regular(robot, q, dependents, rng):
             continue
-        return _with_roles(robot, q, dependents, rng, elastic, mimics)
+        return _assign_roles(robot, q, dependents, rng, elastic, mimics)
     raise ValueError(f"no robot with loops of {kinds} in good condition was found from seed {seed}")
 
 
-class _Growing:
+class _Builder:
     """A robot under construction: links, joints, loops, and positions q at which poses (4, 4) of the links are kept."""
 
     def __init__(self, rng, moving_base):
@@ -70,11 +71,11 @@ class _Growing:
         self.q, self.poses, self.cut_joints = [], [np.eye(4)], []
 
     def any_link(self):
-        """One that has inertia."""
+        """Return the number of a link that has inertia."""
         return int(self.rng.choice([n for n, link in enumerate(self.links) if link.inertia.mass > 0]))
 
-    def hang(self, antecedent, placement=None, prismatic=None, body=True):
-        """A joint more, and the number of the link that it moves."""
+    def add_joint(self, antecedent, placement=None, prismatic=None, body=True):
+        """Add a joint, and return the number of the link that it moves."""
         rng, number = self.rng, len(self.links)
         prismatic = bool(rng.random() < 0.2) if prismatic is None else prismatic
         placement = random_placement(rng) if placement is None else placement
@@ -96,8 +97,8 @@ class _Growing:
         self.poses.append(self.poses[antecedent] @ placement @ joint_displacement(joint, q))
         return number
 
-    def close(self, kind):
-        """A loop more: a chain from one link, and one from another, that meet."""
+    def add_loop(self, kind):
+        """Add a loop: two chains that meet."""
         rng = self.rng
         cut_at_joint = kind != "ball" and rng.random() < 0.7
         start = end = self.any_link()
@@ -110,29 +111,29 @@ class _Growing:
         first = int(rng.integers((count + 1) // 2, count + 1))
         if kind == "planar":
             chain = _Planar(self, start)
-            tip, other = chain.grow(first), chain.grow(count - first)
+            tip, second_tip = chain.grow(first), chain.grow(count - first)
             reach, turn = chain.next_placement(tip), False if rng.random() < 0.7 else None
         else:
-            tip, other = self._spatial(start, first), self._spatial(end, count - first)
+            tip, second_tip = self._spatial(start, first), self._spatial(end, count - first)
             reach, turn = random_placement(rng), None
         if cut_at_joint:
             if kind == "planar":
                 reach, sliding = chain.joint_placement(tip, turn)
             else:
                 sliding = turn
-            tip = self.hang(tip, reach, sliding, body=False)
+            tip = self.add_joint(tip, reach, sliding, body=False)
             self.cut_joints.append(tip - 1)
             reach = np.eye(4)
-        closed_on = np.linalg.inv(self.poses[other]) @ self.poses[tip] @ reach
+        closed_on = np.linalg.inv(self.poses[second_tip]) @ self.poses[tip] @ reach
         closed_on[3] = 0, 0, 0, 1
-        moved, target = LoopEnd(tip, reach), LoopEnd(other, closed_on)
+        moved, target = LoopEnd(tip, reach), LoopEnd(second_tip, closed_on)
         self.loops.append(Loop(f"loop_{len(self.loops) + 1}", moved, target, kind == "ball"))
 
     def _spatial(self, link, count):
-        """The tip of a chain of `count` joints in any direction; now and then one link of it has no inertia."""
-        hollow = int(self.rng.integers(0, count)) if count > 2 and self.rng.random() < 0.3 else -1
-        for place in range(count):
-            link = self.hang(link, body=place != hollow or place == count - 1)
+        """Add a chain of `count` joints, sometimes with a link without inertia, and return its last link."""
+        massless_index = int(self.rng.integers(0, count)) if count > 2 and self.rng.random() < 0.3 else -1
+        for index in range(count):
+            link = self.add_joint(link, body=index != massless_index or index == count - 1)
         return link
 
     def robot(self, name):
@@ -147,13 +148,13 @@ class _Planar:
 
     ACROSS = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])  # z into the plane
 
-    def __init__(self, growing, start):
-        self.growing, self.start = growing, start
-        self.plane = {start: random_placement(growing.rng)}  # where the plane lies in the frames of links
+    def __init__(self, builder, start):
+        self.builder, self.start = builder, start
+        self.plane = {start: random_placement(builder.rng)}  # where the plane lies in the frames of links
 
     def next_placement(self, link):
-        """Somewhere else in the plane, in the frame of a link."""
-        rng = self.growing.rng
+        """Return a random placement in the plane, in the frame of a link."""
+        rng = self.builder.rng
         angle = rng.uniform(-3, 3)
         moved = np.eye(4)
         moved[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
@@ -161,16 +162,16 @@ class _Planar:
         return self.plane.get(link, np.eye(4)) @ moved
 
     def joint_placement(self, link, sliding=None):
-        """(placement of a joint in the frame of a link, whether it slides)."""
+        """Return (placement of a joint in the frame of a link, whether it slides)."""
         placement = self.next_placement(link)
-        sliding = bool(self.growing.rng.random() < 0.25) if sliding is None else sliding
+        sliding = bool(self.builder.rng.random() < 0.25) if sliding is None else sliding
         return (placement @ self.ACROSS if sliding else placement), sliding
 
     def grow(self, count):
         link = self.start
         for _ in range(count):
             placement, sliding = self.joint_placement(link)
-            link = self.growing.hang(link, placement, sliding)
+            link = self.builder.add_joint(link, placement, sliding)
             self.plane[link] = self.ACROSS.T if sliding else np.eye(4)
         return link
 
@@ -183,7 +184,7 @@ def random_placement(rng):
 
 
 def random_inertia(rng):
-    """Of a body that can exist, 0.1 to 10 kg."""
+    """Return the inertia of a physical body of 0.1 to 10 kg."""
     mass = 10 ** rng.uniform(-1, 1)
     spread = mass * rng.uniform(0.05, 0.3, 3) ** 2
     frame = random_placement(rng)
@@ -192,9 +193,9 @@ def random_inertia(rng):
 
 
 def _dependents(robot, q, cut_joints, rng):
-    """Numbers of joints that the loops move if all others are given, cut ones among them; None: none do it well.
+    """Return the numbers of dependent joints, including the cut joints; None where the condition is bad.
 
-    Columns of the loops' Jacobian that span it, the next one always that which is farthest from those before.
+    Pivoted QR selects columns of the loops' Jacobian that span it.
     """
     J = loop_jacobian(robot, q)
     rank, gap = rank_of(J)
@@ -203,14 +204,14 @@ def _dependents(robot, q, cut_joints, rng):
     weights = rng.uniform(0.3, 1, J.shape[1])
     weights[cut_joints] = 100
     order = qr(J * weights, mode="r", pivoting=True)[1]
-    found = tuple(sorted(int(number) for number in order[:rank]))
-    if not set(cut_joints) <= set(found) or condition_of(robot, q, found) > WORST_CONDITION:
+    dependents = tuple(sorted(int(number) for number in order[:rank]))
+    if not set(cut_joints) <= set(dependents) or condition_of(robot, q, dependents) > WORST_CONDITION:
         return None
-    return found
+    return dependents
 
 
-def _goes_on(robot, q, dependents, rng):
-    """Whether q is no exception: nearby the loops close too, and as many joints depend on the others."""
+def _is_regular(robot, q, dependents, rng):
+    """Return whether q is regular: nearby the loops close too, and as many joints are dependent."""
     near = q + rng.uniform(-0.05, 0.05, len(q))
     near[list(dependents)] = q[list(dependents)]
     try:
@@ -220,23 +221,23 @@ def _goes_on(robot, q, dependents, rng):
     return np.abs(loop_gaps(robot, q)).max() < 1e-13 and rank_of(loop_jacobian(robot, near))[0] == len(dependents)
 
 
-def _with_roles(robot, q, dependents, rng, elastic, mimics):
-    """LoopedRobot: the dependent joints passive, the others driven or elastic, and followers of driven ones."""
+def _assign_roles(robot, q, dependents, rng, elastic, mimics):
+    """Return a LoopedRobot: dependent joints passive, the others actuated or elastic, with mimics of actuated ones."""
     independents = [number for number in range(len(q)) if number not in dependents]
-    driven = {int(rng.choice(independents))}
+    actuated = {int(rng.choice(independents))}
     joints = [replace(joint, actuated=number not in dependents) for number, joint in enumerate(robot.joints)]
     for number in independents:
         spring = Spring(10 ** rng.uniform(0, 3), q[number] + rng.uniform(-0.5, 0.5), rng.uniform(0, 2))
-        if elastic and number not in driven and rng.random() < 0.25:
+        if elastic and number not in actuated and rng.random() < 0.25:
             joints[number] = replace(joints[number], actuated=False, spring=spring)
         else:
-            driven.add(number)
+            actuated.add(number)
             if elastic and rng.random() < 0.2:
                 joints[number] = replace(joints[number], spring=spring)
     links, frames = list(robot.links), list(robot.frames)
     for _ in range(int(rng.integers(0, 3)) if mimics else 0):
-        leader = joints[int(rng.choice(sorted(driven)))].name
-        carrier = int(rng.choice([place for place, link in enumerate(robot.links) if link.inertia.mass > 0]))
+        leader = joints[int(rng.choice(sorted(actuated)))].name
+        carrier = int(rng.choice([number for number, link in enumerate(robot.links) if link.inertia.mass > 0]))
         number = len(links)
         joints.append(
             Joint(

@@ -19,7 +19,7 @@ def origin(rng):
 
 
 def inertial(rng):
-    """An <inertial> that a body can have, with a mass from 1e-2 to 1e2 kg and turned principal axes."""
+    """Return an <inertial> that a physical body can have, with a mass from 1e-2 to 1e2 kg and turned principal axes."""
     mass = 10 ** rng.uniform(-2, 2)
     spread = mass * rng.uniform(0.02, 0.2, 3) ** 2  # second moments of mass along the principal axes
     turned = Rotation.random(random_state=int(rng.integers(2**31))).as_matrix()
@@ -30,12 +30,14 @@ def inertial(rng):
 
 
 def random_urdf(seed, joints=None):
-    """A tree of 1 to 40 moving joints with odd axes, revolute, continuous and prismatic; fixed links with and without
-    inertia; intermediate links without mass."""
+    """Return a tree of 1 to 40 revolute, continuous and prismatic joints with arbitrary axes.
+
+    It has fixed links with and without inertia, and intermediate links without mass.
+    """
     rng = np.random.default_rng(seed)
     joints = int(rng.integers(1, 41)) if joints is None else joints
     links, parts = ["link_0"], [f'<link name="link_0">{inertial(rng)}</link>']
-    hollow = set()  # links without mass: what hangs on them must have some, or nothing resists their joints
+    hollow = set()  # links without mass: their children must have mass, else their joints move no inertia
     count, moving = 0, 0
     while moving < joints:
         count += 1
@@ -74,7 +76,7 @@ class States:
     wrenches: dict
 
     def base_of(self, k):
-        """(pose, twist) of sample k, in the form that PinocchioModel takes."""
+        """Return (pose, twist) of sample k, in the form that PinocchioModel takes."""
         return (None, ()) if self.base is None else (self.base.pose[k], self.base.twist[k])
 
     def wrenches_of(self, k):
@@ -82,7 +84,7 @@ class States:
 
 
 def random_states(robot, joints, count, seed):
-    """States; of a robot with loops q are positions of all joints, that close them, the driven ones within limits."""
+    """Return States; with loops, q closes them, with the actuated joints within their limits."""
     rng = np.random.default_rng([seed, 1])
     q, qd, qdd = rng.uniform(-2, 2, (3, count, joints))
     if robot.loops:
@@ -100,7 +102,7 @@ def random_states(robot, joints, count, seed):
 
 
 def digits_left(inertia_matrix, forces, accelerations):
-    """The relative error that rounding the forces makes in accelerations: inertia may be small beside what they hold.
+    """Return the relative error of accelerations from rounding of the forces, large where the inertia is small.
 
     inertia_matrix: (..., n, n) of as many samples as the forces and accelerations (..., n).
     """

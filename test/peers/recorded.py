@@ -13,7 +13,7 @@ from robot_dynamics.model.placement import to_scipy_rotation
 JOINTS = tuple(f"panda_joint{number}" for number in range(1, 8))
 MIDDLE = np.array([0.0, -0.3, 0.0, -1.9, 0.0, 1.9, 0.3])
 BEGINNING = 1_600_000_000_000_000_000
-# what real data the workplace has beside the checkout; tests that read it are skipped where it is not
+# real data beside the checkout; tests that read it are skipped where it is absent
 REAL_DATA = Path(__file__).parents[3] / "shared" / "data"
 
 
@@ -28,7 +28,7 @@ class Header(NamedTuple):
 
 
 class JointState(NamedTuple):
-    """What a sensor_msgs/msg/JointState tells, where no package has that type."""
+    """Fields of a sensor_msgs/msg/JointState, without the package that defines it."""
 
     header: Header
     name: list
@@ -47,8 +47,9 @@ class Motion(NamedTuple):
     efforts: np.ndarray
 
 
-def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0,
-                 times=None):  # fmt: skip
+def panda_motion(
+    duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, model=None, start=0.0, speed=1.0, times=None
+):
     """Fourier series of up to 0.5 Hz times `speed` about the middle of the joints, exact derivatives; efforts by
     Pinocchio. times: (N,) [s] of the samples, in the place of duration, rate and start."""
     rng = np.random.default_rng(seed)
@@ -69,7 +70,7 @@ def panda_motion(duration=20.0, rate=100.0, seed=0, viscous=0.0, coulomb=0.0, mo
 
 
 def uneven_times(kind, duration, rate=100.0, seed=0):
-    """Times (N,) [s] of samples that a joint state publisher without a real-time clock stamps.
+    """Return times (N,) [s] of samples from a joint state publisher without a real-time clock.
 
     kind: "random", steps of an exponential distribution; "pairs", of which the second is stamped 50 µs after the first
     one; "pieces", of 1 to 40 samples at uneven steps between pauses of 6 to 12 steps, of which each fifth is longer.
@@ -94,43 +95,49 @@ def panda_model():
 
 
 def loaded_panda(mass, centre=(0.0, 0.0, 0.1), moment=0.0):
-    """Model of a Panda that carries a body: mass [kg], its centre in the last link [m], moments of inertia about it."""
+    """Return the model of a Panda with a payload: mass [kg], centre in the last link [m], moments of inertia."""
     model = panda_model()
     model.appendBodyToJoint(7, pin.Inertia(mass, np.array(centre), moment * np.eye(3)), pin.SE3.Identity())
     return model
 
 
 def message(time, names, position, velocity=(), effort=()):
-    """A JointState, `time` [s] after BEGINNING."""
+    """Return a JointState, `time` [s] after BEGINNING."""
     stamp = Stamp(*divmod(BEGINNING + round(time * 1e9), 1_000_000_000))
     arrays = (np.array(values, dtype=float) for values in (position, velocity, effort))
     return JointState(Header(stamp), list(names), *arrays)
 
 
 def messages(motion, names=JOINTS):
-    return [message(*row[:1], names, *row[1:])
-            for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)]  # fmt: skip
+    return [
+        message(*row[:1], names, *row[1:])
+        for row in zip(motion.times, motion.q, motion.qd, motion.efforts, strict=True)
+    ]
 
 
 def store():
-    """The message types of `rosbags`; skips the test where that is not installed."""
+    """Return the message types of `rosbags`; skip the test where it is not installed."""
     typesys = pytest.importorskip("rosbags.typesys", reason="rosbags, which writes bags, is not installed")
     return typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 
 
-def of_rosbags(told, types):
-    """The message of `rosbags` that a JointState is; other messages as they are."""
-    if not isinstance(told, JointState):
-        return told
-    stamp = types["builtin_interfaces/msg/Time"](*told.header.stamp)
-    return types["sensor_msgs/msg/JointState"](types["std_msgs/msg/Header"](stamp, told.header.frame_id), *told[1:])
+def of_rosbags(message, types):
+    """Return a JointState as a message of `rosbags`; other messages unchanged."""
+    if not isinstance(message, JointState):
+        return message
+    stamp = types["builtin_interfaces/msg/Time"](*message.header.stamp)
+    return types["sensor_msgs/msg/JointState"](
+        types["std_msgs/msg/Header"](stamp, message.header.frame_id), *message[1:]
+    )
 
 
 def odometry(time, pose, twist):
-    """An Odometry of `rosbags`: pose (4, 4) and twist (6,) of a base, `time` [s] after BEGINNING."""
+    """Return an Odometry of `rosbags`: pose (4, 4) and twist (6,) of a base, `time` [s] after BEGINNING."""
     types = store().types
-    kinds = {name: types[f"geometry_msgs/msg/{name}"] for name in (
-        "Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")}  # fmt: skip
+    kinds = {
+        name: types[f"geometry_msgs/msg/{name}"]
+        for name in ("Point", "Quaternion", "Pose", "PoseWithCovariance", "Vector3", "Twist", "TwistWithCovariance")
+    }
     header = of_rosbags(message(time, (), ()), types).header
     turned = kinds["Quaternion"](*to_scipy_rotation(pose[:3, :3]).as_quat())
     placed = kinds["PoseWithCovariance"](kinds["Pose"](kinds["Point"](*pose[:3, 3]), turned), np.zeros(36))
@@ -139,13 +146,13 @@ def odometry(time, pose, twist):
     return types["nav_msgs/msg/Odometry"](header, "base_body", placed, of_twist)
 
 
-def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states"):
-    """Write messages, or (topic, message) pairs, into a new bag, as fast as they are stamped. Skips the test where
+def write_bag(path, messages, storage="mcap", compression=None, topic="/joint_states"):
+    """Write messages, or (topic, message) pairs, into a new bag, with the times of their stamps. Skip the test where
     `rosbags` is not installed."""
     types = store()
     from rosbags.rosbag2 import CompressionFormat, StoragePlugin, Writer
 
-    pairs = [each if type(each) is tuple else (topic, each) for each in told]
+    pairs = [entry if type(entry) is tuple else (topic, entry) for entry in messages]
     pairs = [(name, of_rosbags(value, types.types)) for name, value in pairs]
     kinds = {name: value.__msgtype__ for name, value in pairs}
     writer = Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()])
@@ -155,8 +162,11 @@ def write_bag(path, told, storage="mcap", compression=None, topic="/joint_states
         connections = {name: writer.add_connection(name, kind, typestore=types) for name, kind in kinds.items()}
         for number, (name, value) in enumerate(pairs):
             header = getattr(value, "header", None)
-            recorded = BEGINNING + number * 1_000_000 if header is None else (
-                header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)  # fmt: skip
+            recorded = (
+                BEGINNING + number * 1_000_000
+                if header is None
+                else (header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+            )
             data = types.serialize_cdr(value, value.__msgtype__)
             writer.write(connections[name], recorded, data)
     return path

@@ -1,4 +1,4 @@
-"""The same parallel robot, of which the pose of the platform is told between other frames."""
+"""The same parallel robot, with the pose of the platform expressed between other frames."""
 
 from dataclasses import replace
 
@@ -14,9 +14,9 @@ STAND = "stand"
 
 
 def reframed(robot, stand, own, free):
-    """A Robot with the same bodies and legs as a robot with one platform.
+    """Return a Robot with the same bodies and legs as a robot with one platform.
 
-    stand: (4, 4) frame on link 0 in which the pose is told; own: (4, 4) the platform's new own frame in its old one;
+    stand: (4, 4) frame on link 0, the reference of the pose; own: (4, 4) new own frame of the platform in the old one;
     free: the free coordinates of the new pose.
     """
     (platform,) = robot.platforms
@@ -37,23 +37,35 @@ def reframed(robot, stand, own, free):
     def ends(end):
         return moved @ end.placement if end.link == link else end.placement
 
-    frames = [replace(frame, placement=moved @ frame.placement) if frame.link == link else frame
-              for frame in robot.frames if frame.name != name]  # fmt: skip
+    frames = [
+        replace(frame, placement=moved @ frame.placement) if frame.link == link else frame
+        for frame in robot.frames
+        if frame.name != name
+    ]
     frames += [Frame(name, link, PLATFORM_FRAME), Frame(STAND, 0, stand)]
     positions = dict(zip((joint.name for joint in robot.joints), dynamics.initial_joint_positions, strict=True))
-    joints = [replace(joint, initial_position=float(positions.get(joint.name, joint.initial_position)))
-              if not first - 1 <= number < first + 5 else joint for number, joint in enumerate(joints)]  # fmt: skip
-    return replace(robot, links=tuple(links), joints=tuple(joints), frames=tuple(frames),
-                   loops=tuple(loop.with_placements(ends) for loop in robot.loops),
-                   platforms=(replace(platform, free=free, base=STAND),))  # fmt: skip
+    joints = [
+        replace(joint, initial_position=float(positions.get(joint.name, joint.initial_position)))
+        if not first - 1 <= number < first + 5
+        else joint
+        for number, joint in enumerate(joints)
+    ]
+    return replace(
+        robot,
+        links=tuple(links),
+        joints=tuple(joints),
+        frames=tuple(frames),
+        loops=tuple(loop.with_placements(ends) for loop in robot.loops),
+        platforms=(replace(platform, free=free, base=STAND),),
+    )
 
 
 def pose_between(pose, stand, own):
-    """(..., 4, 4) of the new robot's platform, for poses of the old one's."""
+    """Return the poses (..., 4, 4) of the new robot's platform, from those of the old one."""
     return invert_placement(stand) @ pose @ own
 
 
 def screw_of(screws, own):
-    """(..., 6) twists or accelerations of the new own frame, for those of the old one; `own` only turns."""
+    """Return twists or accelerations (..., 6) of the new own frame, from those of the old one; `own` is a rotation."""
     R = own[:3, :3]
     return np.concatenate([screws[..., :3] @ R, screws[..., 3:] @ R], axis=-1)

@@ -1,4 +1,4 @@
-"""Descriptions of robots on wheels, and what a textbook says of them."""
+"""Descriptions of robots on wheels, and their equations of motion from textbooks."""
 
 import numpy as np
 
@@ -20,7 +20,7 @@ def robot(*parts):
 
 
 class DifferentialDrive:
-    """Two driven wheels on the axle through the origin of the base, the body's mass a distance ahead of it.
+    """Two actuated wheels on the axle through the origin of the base, the body's mass a distance ahead of it.
 
     Equations of motion in (v, ω), the centre of mass at d ahead of the axle:
 
@@ -38,7 +38,7 @@ class DifferentialDrive:
     )
 
     def accelerations(self, v, omega, left, right):
-        """(v̇, ω̇) for torques of the wheels [N m]."""
+        """Return (v̇, ω̇) for torques of the wheels [N m]."""
         ahead = self.m + 2 * self.m_w + 2 * self.J / self.r**2
         about = self.inertia + self.m * self.d**2 + 2 * self.m_w * self.b**2 + 2 * self.I_w
         about += 2 * self.J * self.b**2 / self.r**2

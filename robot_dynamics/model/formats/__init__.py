@@ -1,1 +1,1 @@
-"""Texts that describe robots: URDF, MDH tables in YAML, SYMORO+ .par; a reader and a writer of each."""
+"""Description formats, a reader and a writer each: URDF, MDH tables in YAML, SYMORO+ .par."""

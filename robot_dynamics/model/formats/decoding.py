@@ -1,15 +1,32 @@
-"""The text of a description: read, decoded, neither empty nor endless."""
+"""Reading and decoding of description files, with limits on their size."""
+
+from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError
 
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 
-def decode_text(text, source, expected, max_length, encoding="utf-8-sig"):
-    """The str of a description given as str, or as bytes as read from a file.
+def decode_text(text: str | bytes, source: object, expected: str, max_length: int, encoding: str = "utf-8-sig") -> str:
+    """Return the text of a description.
 
-    source: what to call it in errors; need: what it should be, for errors; largest: characters it may have; encoding:
-    of bytes without a UTF-16 byte order mark. Raises DescriptionError.
+    Parameters
+    ----------
+    text : str or bytes
+        The description, or the bytes of its file.
+    source : object
+        Name of the description in error messages.
+    expected : str
+        What the text should be, for error messages.
+    max_length : int
+        Maximum number of characters.
+    encoding : str
+        Encoding of bytes without a UTF-16 byte order mark.
+
+    Raises
+    ------
+    DescriptionError
+        If the text is too long or empty, or cannot be decoded.
     """
     if len(text) > max_length:
         raise DescriptionError(
@@ -28,17 +45,17 @@ def decode_text(text, source, expected, max_length, encoding="utf-8-sig"):
     return text
 
 
-def read_file_bytes(path, max_length):
-    """The content (bytes) of the file at a Path. Raises DescriptionError where there is none, or a larger one."""
-    told = repr(str(path)[:200])
+def read_file_bytes(path: Path, max_length: int) -> bytes:
+    """Return the content of a file. Raises DescriptionError where it cannot be read or is longer than max_length."""
+    name = repr(str(path)[:200])
     try:
         if path.exists() and not path.is_file():
-            raise DescriptionError(f"{told} is no file")
+            raise DescriptionError(f"{name} is not a file")
         with path.open("rb") as file:
             content = file.read(max_length + 1)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise DescriptionError(f"{told} cannot be read as a file ({reason})") from None
+        raise DescriptionError(f"{name} cannot be read as a file ({reason})") from None
     if len(content) > max_length:
-        raise DescriptionError(f"{told} is larger than a description may be: {max_length} bytes at most")
+        raise DescriptionError(f"{name} is too large: a description has at most {max_length} bytes")
     return content

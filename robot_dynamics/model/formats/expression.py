@@ -1,8 +1,10 @@
-"""Numbers as tables have them: `pi/2`, `-d8`, `0.5*(a + b)`, `atan2(1, 2)`. By a grammar, never by Python's eval."""
+"""Numbers as expressions: `pi/2`, `-d8`, `0.5*(a + b)`, `atan2(1, 2)`. Parsed by a grammar, never by Python's eval."""
 
 import math
+from collections.abc import Callable, Mapping
 from contextvars import ContextVar
 from functools import cache
+from typing import Any, cast
 
 from lark import Lark, Transformer, v_args
 from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedToken, VisitError
@@ -11,7 +13,7 @@ from robot_dynamics.errors import DescriptionError, describe_unknown_name
 
 MAX_EXPRESSION_LENGTH = 1000  # characters; an entry of a table has ten
 CONSTANTS = {"pi": math.pi}
-FUNCTIONS = {
+FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "abs": (math.fabs, 1),
     "acos": (math.acos, 1),
     "asin": (math.asin, 1),
@@ -24,6 +26,7 @@ FUNCTIONS = {
     "sqrt": (math.sqrt, 1),
     "tan": (math.tan, 1),
 }
+"""{name: (function, number of its arguments)}"""
 
 GRAMMAR = r"""
 ?start: sum
@@ -39,13 +42,13 @@ NAME: /[A-Za-z_][A-Za-z0-9_]*/
 """
 
 
-class _Refused(Exception):
-    """Raised where an expression is evaluated; carries the sentence that becomes the message."""
+class _EvaluationError(Exception):
+    """An expression cannot be evaluated; the text becomes part of the message."""
 
 
 @v_args(inline=True)
-class _Evaluator(Transformer):
-    """Evaluates while the text is parsed, so that no depth of parentheses needs a deep stack."""
+class _Evaluator(Transformer):  # type: ignore[type-arg, unused-ignore]  # releases of lark differ in their number
+    """Evaluates while the text is parsed, so that nested parentheses need no deep stack."""
 
     add = staticmethod(lambda a, b: a + b)
     subtract = staticmethod(lambda a, b: a - b)
@@ -56,112 +59,129 @@ class _Evaluator(Transformer):
     number = staticmethod(float)
     arguments = staticmethod(lambda *values: values)
 
-    def name(self, token):
+    def name(self, token: str) -> float:
+        """Return the value of a name."""
         return _LOOKUP.get()(str(token))
 
-    def call(self, token, values):
+    def call(self, token: str, values: tuple[float, ...]) -> float:
+        """Return the value of a function of the FUNCTIONS."""
         if token not in FUNCTIONS:
-            raise _Refused(describe_unknown_name("function", token, FUNCTIONS) + _hint(token))
+            raise _EvaluationError(describe_unknown_name("function", token, FUNCTIONS) + _degree_hint(token))
         function, count = FUNCTIONS[token]
         if len(values) != count:
-            raise _Refused(f"{token} takes {count} argument{'s'[: count - 1]}, not {len(values)}")
+            raise _EvaluationError(f"{token} takes {count} argument{'s'[: count - 1]}, not {len(values)}")
         return function(*values)
 
 
-_LOOKUP = ContextVar("what the names of the expression that is being parsed stand for")
+_LOOKUP: ContextVar[Callable[[str], float]] = ContextVar("values of the names in the expression that is being parsed")
 
 
 @cache
-def _parser():
+def _parser() -> Lark:
+    """Return the parser, which is built at the first use."""
     return Lark(GRAMMAR, parser="lalr", transformer=_Evaluator(), maybe_placeholders=False)
 
 
-def evaluate(value, names=None):
-    """The number that `value`, an int, a float or the text of an expression, stands for.
+def evaluate(value: object, names: Mapping[str, float] | None = None) -> float:
+    """Return the number of an expression.
 
-    names: what the names in it stand for, {name: number}; pi is known, and the functions in FUNCTIONS are. Angles are
-    in radians. Raises DescriptionError where it has no finite real value, an unbound name included.
+    Parameters
+    ----------
+    value : int, float or str
+        A number, or the text of an expression with pi and the FUNCTIONS. Angles are in radians.
+    names : mapping of str to float, optional
+        Values of the other names in the expression.
+
+    Raises
+    ------
+    DescriptionError
+        If the expression has no finite real value, or a name in it has no value.
     """
     if isinstance(value, int | float) and not isinstance(value, bool):
         try:
-            return _finite(float(value), value)
+            return _require_finite(float(value), value)
         except OverflowError:
-            return _finite(math.inf, value)
-    names = names or {}
+            return _require_finite(math.inf, value)
+    values = names or {}
 
-    def lookup(name):
-        if name in names:
-            return names[name]
+    def lookup(name: str) -> float:
+        """Return the value of a name."""
+        if name in values:
+            return values[name]
         if name in CONSTANTS:
             return CONSTANTS[name]
-        raise _Refused(describe_unknown_name("name", name, [*names, *CONSTANTS]))
+        raise _EvaluationError(describe_unknown_name("name", name, [*values, *CONSTANTS]))
 
-    return _finite(_parsed(value, lookup), value)
+    return _require_finite(_parse(value, lookup), value)
 
 
-def format_number(number):
-    """The text of a number that `evaluate` gives back, whole numbers without a point. Raises DescriptionError.
+def format_number(number: Any) -> str:
+    """Return the text of a number from which `evaluate` restores it, whole numbers without a point.
 
-    Exactly, but where rounding alone made a long number of a short one: 0.10350000000000001 is written 0.1035.
+    Where only rounding made a short number long, the text is the short one: 0.1035 for 0.10350000000000001. Raises
+    DescriptionError for a symbol or an infinite number.
     """
     try:
-        number = float(number)
+        exact = float(number)
     except TypeError:
         raise DescriptionError(f"{number!r:.60} has no value yet, and cannot be written as a number") from None
-    if not math.isfinite(number):
-        raise DescriptionError(f"{number} cannot be written: a finite number is needed")
-    short = float(f"{number:.15g}")
-    if abs(short - number) <= 2 * math.ulp(number) and len(repr(short)) < 12:
-        number = short
-    return str(int(number)) if number == int(number) and abs(number) < 1e15 else repr(number)
+    if not math.isfinite(exact):
+        raise DescriptionError(f"{exact} cannot be written: a finite number is needed")
+    short = float(f"{exact:.15g}")
+    written = short if abs(short - exact) <= 2 * math.ulp(exact) and len(repr(short)) < 12 else exact
+    return str(int(written)) if written == int(written) and abs(written) < 1e15 else repr(written)
 
 
-def format_angle(angle):
-    """As `number_text`, with pi where the angle is a multiple of π/12, to the last digit."""
+def format_angle(angle: Any) -> str:
+    """Return the text of an angle as `format_number`, with pi where it is exactly a multiple of π/12."""
     try:
         parts = round(float(angle) / math.pi * 12) if abs(angle) < 1e6 else 1
     except TypeError:
         return format_number(angle)
     for divisor in (1, 2, 3, 4, 6, 12):
-        factor, rest = divmod(parts * divisor, 12)
-        if rest == 0 and factor != 0:
+        factor, remainder = divmod(parts * divisor, 12)
+        if remainder == 0 and factor != 0:
             text = f"{'-' if factor < 0 else ''}{'' if abs(factor) == 1 else f'{abs(factor)}*'}pi"
             text += "" if divisor == 1 else f"/{divisor}"
             return text if evaluate(text) == angle else format_number(angle)
     return format_number(angle)
 
 
-def _parsed(text, lookup):
+def _parse(text: object, lookup: Callable[[str], float]) -> float:
+    """Return the value of the text of an expression; lookup: value of a name."""
     if not isinstance(text, str):
         raise DescriptionError(f"{text!r:.60} is no number: a number or an expression such as pi/2 is needed")
     if len(text) > MAX_EXPRESSION_LENGTH:
-        raise DescriptionError(f"expression has {len(text)} characters: {MAX_EXPRESSION_LENGTH} at most are read")
+        raise DescriptionError(f"expression has {len(text)} characters: the maximum is {MAX_EXPRESSION_LENGTH}")
     _LOOKUP.set(lookup)
+    reason: object
     try:
-        return _parser().parse(text)
+        return cast("float", _parser().parse(text))  # the transformer replaces the tree by its value
     except VisitError as error:
         reason = error.orig_exc
-        if not isinstance(reason, _Refused | ArithmeticError | ValueError):
+        if not isinstance(reason, _EvaluationError | ArithmeticError | ValueError):
             raise
-    except (_Refused, ArithmeticError, ValueError) as error:
+    except (_EvaluationError, ArithmeticError, ValueError) as error:
         reason = error
     except UnexpectedCharacters as error:
-        reason = (
-            f"{text[error.pos_in_stream]!r} at character {error.pos_in_stream + 1} has no meaning there{_hint(text)}"
-        )
+        position = error.pos_in_stream
+        reason = f"{text[position]!r} at character {position + 1} has no meaning there{_degree_hint(text)}"
     except UnexpectedToken as error:
-        found = f"{str(error.token)!r}" if error.token.type != "$END" else "the end"
-        reason = f"{found} is not expected there{_hint(text)}"
+        token: Any = vars(error)["token"]  # the stubs of lark lack this attribute
+        name = f"{str(token)!r}" if token.type != "$END" else "the end"
+        reason = f"{name} is not expected there{_degree_hint(text)}"
     except LarkError as error:
         reason = error
     raise DescriptionError(f"expression {text[:60]!r}: {reason}") from None
 
 
-def _hint(text):
+def _degree_hint(text: str) -> str:
+    """Return the end of a message about an expression that seems to have degrees."""
     return ". Angles are in radians: radians(90) or pi/2" if "deg" in text or "°" in text else ""
 
 
-def _finite(number, value):
+def _require_finite(number: float, value: object) -> float:
+    """Return the number of an expression. Raises DescriptionError unless it is finite."""
     if not math.isfinite(number):
         raise DescriptionError(f"{str(value)[:60]!r} is {number}: a finite number is needed")
     return number

@@ -25,12 +25,12 @@ TOLERANCE = 1e-9
 TREES = int(os.environ.get("RANDOM_TREES", "200"))  # of each kind
 
 
-def relative_error(found, expected):
-    return np.abs(found - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-9)
+def relative_error(actual, expected):
+    return np.abs(actual - expected).max(initial=0) / max(np.abs(expected).max(initial=0), 1e-9)
 
 
 def misaligned_urdf(seed):
-    """A tree whose axes are turned from their parents' by whole right angles and by 1e-12 to 1e-2 rad more.
+    """Return a tree whose axes are turned from their parents' by whole right angles and by 1e-12 to 1e-2 rad more.
 
     Every link has mass: between two joints that slide the same way a link without it would leave A singular.
     """
@@ -42,12 +42,12 @@ def misaligned_urdf(seed):
         return f'rpy="{numbers(quarter + tilt)}"'
 
     text = re.sub(r'rpy="[^"]*"', misalign, random_urdf(seed))
-    text = re.sub(r'(<link name="\w*">)(</link>)', lambda found: f"{found[1]}{inertial(rng)}{found[2]}", text)
+    text = re.sub(r'(<link name="\w*">)(</link>)', lambda match: f"{match[1]}{inertial(rng)}{match[2]}", text)
     return re.sub(r'axis xyz="[^"]*"', 'axis xyz="0 0 1"', text)
 
 
 def check_same(robot, converted, seed, frames=True):
-    """The same motion takes the same efforts, with wrenches on links by name; poses of links stay where they are."""
+    """The same motion needs the same efforts, with wrenches on links by name; link poses are equal."""
     before, after = Dynamics(robot), Dynamics(converted)
     order = [after.joint_names.index(name) for name in before.joint_names]
     assert sorted(order) == list(range(len(after.joint_names))) and converted.name == robot.name
@@ -57,14 +57,14 @@ def check_same(robot, converted, seed, frames=True):
     base, wrenches = states.base, states.wrenches
 
     def shuffled(values):
-        other = np.zeros_like(values)
-        other[..., order] = values
-        return other
+        permuted = np.zeros_like(values)
+        permuted[..., order] = values
+        return permuted
 
     q, qd, qdd = states.q, states.qd, states.qdd
     inverse = before.inverse(q, qd, qdd, base=base, external_wrenches=wrenches)
-    found = after.inverse(shuffled(q), shuffled(qd), shuffled(qdd), base=base, external_wrenches=wrenches)
-    assert relative_error(found[:, order], inverse) < TOLERANCE
+    result = after.inverse(shuffled(q), shuffled(qd), shuffled(qdd), base=base, external_wrenches=wrenches)
+    assert relative_error(result[:, order], inverse) < TOLERANCE
     A, B = before.inertia_matrix(q), after.inertia_matrix(shuffled(q))
     rows = [*range(A.shape[-1] - len(order)), *(k + A.shape[-1] - len(order) for k in order)]
     assert relative_error(B[:, rows][:, :, rows], A) < TOLERANCE
@@ -85,8 +85,8 @@ def check_conversions(urdf, moving_base, seed):
     from_urdf = read_urdf(write_urdf(from_yaml))
     check_same(robot, from_urdf, seed)
     for joint in robot.joints:
-        for other in (from_yaml, from_urdf):
-            same = other.joints[other.joint_numbers[joint.name]]
+        for converted in (from_yaml, from_urdf):
+            same = converted.joints[converted.joint_numbers[joint.name]]
             assert (same.limits.lower, same.limits.upper) == (joint.limits.lower, joint.limits.upper)
             assert same.mimic == joint.mimic and same.prismatic == joint.prismatic
             assert (same.viscous_friction, same.coulomb_friction) == (joint.viscous_friction, joint.coulomb_friction)
@@ -94,22 +94,22 @@ def check_conversions(urdf, moving_base, seed):
 
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("name", REAL_ROBOTS)
-def test_real_robot_stays_the_same_as_a_table_and_as_a_urdf_again(name, moving_base):
+def test_real_robot_is_unchanged_as_a_table_and_as_a_urdf(name, moving_base):
     check_conversions(real_urdf(name), moving_base, seed=3)
 
 
 @pytest.mark.parametrize("seed", range(TREES))
-def test_random_tree_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
+def test_random_tree_is_unchanged_as_a_table_and_as_a_urdf(seed):
     check_conversions(random_urdf(seed), bool(seed % 2), seed)
 
 
 @pytest.mark.parametrize("seed", range(TREES))
-def test_tree_with_nearly_parallel_axes_stays_the_same_as_a_table_and_as_a_urdf_again(seed):
+def test_tree_with_nearly_parallel_axes_is_unchanged_as_a_table_and_as_a_urdf(seed):
     check_conversions(misaligned_urdf(seed), bool(seed % 2), seed)
 
 
 @pytest.mark.parametrize("name", REAL_ROBOTS)
-def test_links_that_follow_one_another_need_neither_gamma_nor_b(name):
+def test_serial_links_need_neither_gamma_nor_b(name):
     """In the first branch of each link but the base; axes that are nearly parallel made parallel before."""
     robot = minimal_frames(snap_angles(read_urdf(real_urdf(name)), 1e-3))
     text = write_mdh_yaml(robot)
@@ -123,7 +123,7 @@ def test_links_that_follow_one_another_need_neither_gamma_nor_b(name):
 
 
 @pytest.mark.parametrize("name", shipped_robots())
-def test_shipped_robot_survives_write_and_read(name):
+def test_shipped_robot_is_unchanged_by_write_and_read(name):
     robot = load_robot(name)
     again = read_mdh_yaml(write_mdh_yaml(robot))
     for joint, same in zip(robot.joints, again.joints, strict=True):
@@ -132,11 +132,15 @@ def test_shipped_robot_survives_write_and_read(name):
     assert relative_error(Dynamics(again).inertia_matrix(q), Dynamics(robot).inertia_matrix(q)) < 1e-12
 
 
-def assert_same_joint(found, expected):
-    """All but the placement, to rounding."""
-    assert (found.name, found.antecedent, found.prismatic) == (expected.name, expected.antecedent, expected.prismatic)
-    assert found.role == expected.role and getattr(found.mimic, "joint", "") == getattr(expected.mimic, "joint", "")
-    np.testing.assert_allclose(numbers_of(found), numbers_of(expected), rtol=1e-15, atol=0)
+def assert_same_joint(actual, expected):
+    """Assert that two joints are equal but for the placement, to rounding."""
+    assert (actual.name, actual.antecedent, actual.prismatic) == (
+        expected.name,
+        expected.antecedent,
+        expected.prismatic,
+    )
+    assert actual.role == expected.role and getattr(actual.mimic, "joint", "") == getattr(expected.mimic, "joint", "")
+    np.testing.assert_allclose(numbers_of(actual), numbers_of(expected), rtol=1e-15, atol=0)
 
 
 def numbers_of(joint):
@@ -150,11 +154,11 @@ def numbers_of(joint):
     ]
 
 
-def assert_same_loops(found, expected):
-    assert [(loop.name, loop.is_spherical) for loop in found.loops] == [
+def assert_same_loops(actual, expected):
+    assert [(loop.name, loop.is_spherical) for loop in actual.loops] == [
         (loop.name, loop.is_spherical) for loop in expected.loops
     ]
-    for loop, same in zip(expected.loops, found.loops, strict=True):
+    for loop, same in zip(expected.loops, actual.loops, strict=True):
         for end, again in zip(loop.ends, same.ends, strict=True):
             assert again.link == end.link
             np.testing.assert_allclose(again.placement, end.placement, rtol=0, atol=1e-12)
@@ -162,7 +166,7 @@ def assert_same_loops(found, expected):
 
 @settings(deadline=None, max_examples=300)
 @given(robots())
-def test_any_robot_survives_write_and_read(robot):
+def test_robots_are_unchanged_by_write_and_read(robot):
     again = read_mdh_yaml(write_mdh_yaml(robot))
     assert set(read_mdh_yaml(write_mdh_yaml(again)).frames_by_name) == set(robot.frames_by_name)
     assert (again.name, again.moving_base) == (robot.name, robot.moving_base)

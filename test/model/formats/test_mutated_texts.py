@@ -1,5 +1,5 @@
-"""No text makes a reader raise anything but the project's own error, or take long: thousands of mutations here, a
-hundred thousand of each format in `make soak`."""
+"""Readers raise only DescriptionError for mutated texts, and in short time: thousands of mutations here, a hundred
+thousand of each format in `make soak`."""
 
 import os
 import random
@@ -168,13 +168,13 @@ NUMBERS = ["0", "1", "-1", "2", "1e-9", "1e9", "1e200", "-1e-320", "pi", "1.5708
 
 
 def change(text, rng):
-    """The text with one thing done to it."""
+    """Return the text with one mutation."""
     start = rng.randrange(len(text) + 1)
     end = min(len(text), start + rng.choice([0, 1, 1, 2, 5, 20, 100]))
     before, middle, after = text[:start], text[start:end], text[end:]
     lines = text.split("\n")
-    what = rng.randrange(12)
-    if what <= 3:
+    mutation = rng.randrange(12)
+    if mutation <= 3:
         number = rng.choice(list(re.finditer(r"\d+(\.\d+)?", text)) or [None])
         return text if number is None else text[: number.start()] + rng.choice(NUMBERS) + text[number.end() :]
     return [
@@ -186,11 +186,11 @@ def change(text, rng):
         "\n".join(lines[:k] + lines[k + 1 :] + lines[k : k + 1]) if (k := rng.randrange(len(lines))) else before,
         "\n".join(lines[:k] + lines[k + 1 :]) if (k := rng.randrange(len(lines))) else text * 2,
         text.replace(rng.choice(text.split() or ["x"]), rng.choice(TOKENS + text.split())),
-    ][what - 4]
+    ][mutation - 4]
 
 
 def mutate(text, rng):
-    """The text with one to four things done to it; at times as bytes, in an encoding or with a byte changed."""
+    """Return the text with one to four mutations, sometimes as bytes, in an encoding or with a changed byte."""
     for _ in range(rng.choice([1, 1, 1, 2, 2, 3, 4])):
         text = change(text, rng)
     kind = rng.random()
@@ -216,8 +216,8 @@ def test_mutated_text_is_read_or_refused_with_a_reason(name):
             read_robot(text, source="text")
             read += 1
         except RobotDynamicsError as error:
-            told = str(error)
-            assert told.startswith("text") and len(told) < 2000, (number, told)
+            message = str(error)
+            assert message.startswith("text") and len(message) < 2000, (number, message)
         except Exception as error:
             raise AssertionError(f"mutation {number} made the reader raise {error!r}:\n{text!r}") from error
         slowest = max(slowest, time.monotonic() - start)

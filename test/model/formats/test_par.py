@@ -1,4 +1,4 @@
-"""SYMORO+ .par: read against Khalil's formulas written out, written and read back, and refused with a reason."""
+"""SYMORO+ .par: reading against Khalil's formulas, round trips, and errors."""
 
 import logging
 import math
@@ -63,7 +63,7 @@ M = {0,2}
 
 
 def khalil(gamma, b, alpha, d, theta, r):
-    """iTj, element by element (Khalil, section 2)."""
+    """Return iTj, element by element (Khalil, section 2)."""
     cg, sg, ca, sa, ct, st_ = (f(x) for x in (gamma, alpha, theta) for f in (math.cos, math.sin))
     return np.array(
         [
@@ -80,7 +80,7 @@ def changed(old, new, text=GOOD):
     return text.replace(old, new)
 
 
-def test_frames_stand_where_the_formula_says():
+def test_frames_match_the_mdh_formula():
     dynamics = Dynamics(read_par(GOOD, values=VALUES))
     q1, q2, q3 = q = np.array([0.3, -1.1, 0.25])
     expected = khalil(0, 0, 0, 0, q1, 0.5) @ khalil(math.pi / 3, 0.1, math.pi / 2, 0.4, q2 - math.pi / 2, 0)
@@ -91,7 +91,7 @@ def test_frames_stand_where_the_formula_says():
     np.testing.assert_allclose(dynamics.link_pose("frame_4", q), expected, atol=1e-14)
 
 
-def test_what_a_row_says_is_in_the_joint():
+def test_row_entries_are_joint_parameters():
     robot = read_par(GOOD.encode(), values=VALUES)
     assert robot.name == "arm"
     assert [joint.name for joint in robot.joints] == ["joint_1", "joint_2", "joint_3"]
@@ -102,7 +102,7 @@ def test_what_a_row_says_is_in_the_joint():
     assert robot.gravity.tolist() == [0, 0, -9.81]
 
 
-def test_a_fixed_row_is_a_weight_on_what_carries_it():
+def test_fixed_row_is_lumped_into_its_link():
     dynamics = Dynamics(read_par(PENDULUM + "XX = {0.3,0}\nZZ = {0.7,0}"))
     angle = 0.4
     np.testing.assert_allclose(dynamics.gravity(np.array([angle])), 2 * 9.81 * 0.5 * math.cos(angle))
@@ -111,14 +111,14 @@ def test_a_fixed_row_is_a_weight_on_what_carries_it():
 
 
 @pytest.mark.parametrize("before", [None, "theta"])
-def test_a_joint_variable_with_a_value_is_a_constant(before):
+def test_joint_variable_with_a_value_is_a_constant(before):
     text = changed("{th1,0}", "{th1 + q,0}", PENDULUM)
     robot = read_par(text, values={"th1": "pi/2"} | ({"q": 0.25} if before else {}))
     angle = math.pi / 2 + (0.25 if before else 0)
     np.testing.assert_allclose(robot.joints[0].placement, khalil(0, 0, math.pi / 2, 0, angle, 0), atol=1e-15)
 
 
-def test_gravity_is_the_vector_and_an_argument_goes_before_it():
+def test_gravity_argument_overrides_the_vector_of_the_par():
     assert read_par(PENDULUM).gravity.tolist() == [0, 0, -9.81]
     assert read_par(PENDULUM + "G = {1,2,3}").gravity.tolist() == [1, 2, 3]
     assert read_par(PENDULUM + "G = {0,0,G3}", gravity=(0, 1, 0)).gravity.tolist() == [0, 1, 0]
@@ -127,7 +127,7 @@ def test_gravity_is_the_vector_and_an_argument_goes_before_it():
 FLOATING = changed("M = {0,2}", "is_floating = 1\nM = {m0,0,2}\nZZ = {5,1,1}\nMX = {0.5,0,0}", PENDULUM)
 
 
-def test_a_floating_base_has_the_first_entry_of_the_lists_of_links():
+def test_floating_base_has_the_first_entry_of_the_link_lists():
     robot = read_par(FLOATING, values={"m0": 7})
     assert robot.moving_base and robot.links[0].inertia.mass == 7 and robot.links[0].inertia.first_moments[0] == 0.5
     assert robot.links[1].inertia.mass == 2
@@ -136,30 +136,30 @@ def test_a_floating_base_has_the_first_entry_of_the_lists_of_links():
     assert read_par(PENDULUM, moving_base=True).links[0].inertia.mass == 0
 
 
-def test_an_elastic_joint_has_a_spring_and_no_motor():
+def test_elastic_joint_has_a_spring_and_no_motor():
     robot = read_par(PENDULUM + "mu = {1,0}\neta = {1,0}\nk = {k1,k2}", values={"k1": 30})
     assert robot.joints[0].role == "elastic" and robot.joints[0].spring == Spring(30)
 
 
-def test_mu_of_zero_throughout_is_not_said(caplog):
+def test_mu_of_zero_throughout_means_actuated_joints(caplog):
     with caplog.at_level(logging.WARNING):
         robot = read_par(PENDULUM + "mu = {0,0}")
     assert robot.joints[0].role == "actuated" and "mu is 0 throughout" in caplog.text
 
 
-def test_what_is_no_part_of_the_robot_is_left_out_and_told(caplog):
+def test_state_data_of_a_par_is_ignored_with_a_warning(caplog):
     with caplog.at_level(logging.WARNING):
         read_par(PENDULUM + "Z = {1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1}\nQP = {0,a}\nFX = {0,b}\nIA = {0,c}")
         assert not caplog.records
         read_par(PENDULUM + "Z = {1,0,0,0,0,1,0,0,0,0,1,2,0,0,0,1}\nQP = {3,a}\nIA = {0,5}\nVP0 = {0,0,9.81}")
-    assert "QP, VP0, IA say no part" in caplog.text and "Z is left out" in caplog.text
+    assert "QP, VP0, IA are not part" in caplog.text and "Z is ignored" in caplog.text
 
 
-def test_comments_tell_names():
-    told = (
+def test_comments_of_a_par_contain_names():
+    comments = (
         "(* Robotname = 'RX 90' *) (* Joints = 'shoulder, left' *)\n(* Links = 'base', 'arm' *) (* Frames = 'arm' 2 *)"
     )
-    robot = read_par(told + PENDULUM)
+    robot = read_par(comments + PENDULUM)
     assert (robot.name, robot.joints[0].name, robot.links[1].name) == ("RX 90", "shoulder, left", "arm")
     assert [frame.name for frame in robot.frames] == ["base", "arm"]
     np.testing.assert_allclose(robot.frames_by_name["arm"].placement[:3, 3], [0.5, 0, 0])
@@ -174,8 +174,8 @@ BAD = {
     "open comment": (GOOD + "\n(* end", "line 31: the comment .* never ends"),
     "stray end of comment": (changed("in m and rad *)", "(* in *) *)"), "line 9: '.*' has no meaning there"),
     "no statement": (changed("Type = 0", "what is this"), "line 5: 'what is this' has no meaning"),
-    "two keys": (changed("Type = 0", "NL = 6"), "line 5: NL is there already, at line 2"),
-    "two spellings": (changed("Mu =", "mu = {1,1,1,1}\nMu ="), "line 19: mu is there already, at line 18"),
+    "two keys": (changed("Type = 0", "NL = 6"), "line 5: NL is already defined at line 2"),
+    "two spellings": (changed("Mu =", "mu = {1,1,1,1}\nMu ="), "line 19: mu is already defined at line 18"),
     "unknown key": (changed("gamma", "gama"), "line 15: unknown key 'gama': did you mean 'gamma'"),
     "no list": (changed("M = {1,2,3,m4}", "M = 5"), "line 20: M = 5: M is a list in braces"),
     "no number": (changed("NL = 4", "NL = {4}"), "line 2: NL = .4.: NL is one number"),
@@ -195,11 +195,11 @@ BAD = {
     "half a link": (changed("NL = 4", "NL = 4.5"), "line 2: NL = 4.5: a whole number"),
     "negative": (changed("NL = 4", "NL = -4"), "line 2: NL = -4: a whole number"),
     "word": (changed("NL = 4", "NL = four"), "line 2: NL: .*'four'"),
-    "endless": (changed("NL = 4", "NL = 2e5").replace("NJ = 4", "NJ = 2e5"), "line 2: NL = 200000: more"),
+    "endless": (changed("NL = 4", "NL = 2e5").replace("NJ = 4", "NJ = 2e5"), "line 2: NL = 200000: the maximum"),
     "type": (changed("Type = 0", "Type = tree"), "line 5: Type: .*'tree'"),
     "frames": (changed("NF = 4", "NF = 5"), "line 4: NF = 5: NF = 2 NJ - NL = 4"),
     "joints too few": (changed("NJ = 4", "NJ = 3"), "line 3: NJ = 3 joints cannot move"),
-    "wheels": (changed("is_mobile = 0", "is_mobile = 1"), "line 7: .*wheels carry are not read yet"),
+    "wheels": (changed("is_mobile = 0", "is_mobile = 1"), "line 7: .*bases on wheels are not supported"),
     "truth": (changed("is_mobile = 0", "is_mobile = no"), "line 7: is_mobile = 'no': 0 or 1"),
     "antecedent": (changed("{0,1,2,3}", "{0,2,2,3}"), "line 10: ant of row 2 is '2': 0 to 1, .*before"),
     "antecedent of the first": (changed("{0,1,2,3}", "{1,1,2,3}"), "line 10: ant of row 1 is '1': 0, the base"),
@@ -214,7 +214,7 @@ BAD = {
     "negative rotor": (changed("{0.1,0,0,0}", "{-0.1,0,0,0}"), "line 25: IA of row 1 is -0.1"),
     "factor": (
         changed("th2 - pi/2", "2*th2"),
-        "line 19: theta of row 2 is '2[*]th2' and does not grow as th2 does",
+        "line 19: theta of row 2 is '2[*]th2' and does not increase by as much as th2",
     ),
     "other direction": (changed("th2 - pi/2", "pi/2 - th2"), "line 19: .*th2 plus or minus a constant"),
     "curve": (changed("th2 - pi/2", "th2*cos(th2)"), "line 19: .*th2 plus or minus a constant"),
@@ -223,7 +223,7 @@ BAD = {
     "hidden factor": (changed("r3 + 0.1", "1e200 + 5*r3"), "line 14: .*r3 plus or minus a constant"),
     "two variables": (changed("th2 - pi/2", "th2 + o2"), "line 19: .*th2, o2 have no value: give values"),
     "variable of two": (changed("th2 - pi/2", "th1 - pi/2"), "line 19: th1 is the joint variable of row 1 and of"),
-    "variable elsewhere": (changed("atan2(1,2)", "th1"), "line 15: th1 is the variable of the joint of row 1"),
+    "variable elsewhere": (changed("atan2(1,2)", "th1"), "line 15: th1 is the joint variable of row 1"),
     "malformed entry": (changed("Pi/3", "Pi//3"), "line 15: expression 'Pi//3'"),
     "division": (changed("atan2(1,2)", "1/(2 - 2)"), "line 15: .*division by zero"),
     "unknown function": (changed("atan2", "atan3"), "line 15: .*unknown function 'atan3': did you mean 'atan'"),
@@ -234,17 +234,17 @@ BAD = {
         "line 1: the comment Joints = has 2 names: there are 3 joints",
     ),
     "links by name": ("(* Links = 'a' *)" + GOOD, "line 1: .* has 1 names: there are 4 links, the base first"),
-    "names twice": ("(* Links = 'a' *)\n(* Links = 'a' *)" + GOOD, "line 2: a comment Links = is there already, at"),
+    "names twice": ("(* Links = 'a' *)\n(* Links = 'a' *)" + GOOD, "line 2: a comment Links = is already present at"),
     "name without end": ("(* Links = 'a', b *)" + GOOD, "line 1: the comment Links = ends in ' b'"),
     "frame without row": ("(* Frames = 'a' *)" + GOOD, "line 1: .*'tool' 7"),
     "frame beyond": ("(* Frames = 'a' 5 *)" + GOOD, "line 1: frame 'a' is at row 5: there are rows 0 to 4"),
     "frame on another": ("(* Frames = 'link_1' 4 *)" + GOOD, "line 1: frame 'link_1' is at row 4, which is not fixed"),
-    "frame twice": ("(* Frames = 'a' 4, 'a' 2 *)" + GOOD, "par: frame 'a' is there more than once"),
+    "frame twice": ("(* Frames = 'a' 4, 'a' 2 *)" + GOOD, "par: frame 'a' is defined more than once"),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_text_is_refused_with_the_line_and_what_would_be_right(name):
+def test_malformed_par_is_refused_with_line_and_remedy(name):
     text, message = BAD[name]
     values = {key: value for key, value in VALUES.items() if isinstance(text, str) and re.search(rf"\b{key}\b", text)}
     with pytest.raises(DescriptionError) as raised:
@@ -268,19 +268,19 @@ def test_a_bad_text_is_refused_with_the_line_and_what_would_be_right(name):
         ([1], r"values are \[1\]"),
     ],
 )
-def test_values_are_asked_for_by_name(values, message):
+def test_missing_values_are_listed_by_name(values, message):
     with pytest.raises(DescriptionError, match=message):
         read_par(GOOD, source="arm.par", values=values)
 
 
-def test_lengths_beyond_all_numbers_are_refused():
+def test_infinite_lengths_are_refused():
     rows = {"ant": "{0,1}", "sigma": "{2,2}", "b": "{1e308,1e308}", **dict.fromkeys(("r", "gamma", "alpha"), "{0,0}")}
     text = "NL = 2\nNJ = 2\nd = {0,\n0}\ntheta = {0,0}\n" + "".join(f"{key} = {value}\n" for key, value in rows.items())
     with pytest.raises(DescriptionError, match="par, line 4: row 2 places its frame too far away"):
         read_par(text)
 
 
-def test_gravity_and_base_that_are_none_are_refused():
+def test_invalid_gravity_and_base_are_refused():
     with pytest.raises(DescriptionError, match="par: gravity is 'down'"):
         read_par(PENDULUM, gravity="down")
     with pytest.raises(DescriptionError, match="par: moving_base is 'yes'"):
@@ -289,7 +289,7 @@ def test_gravity_and_base_that_are_none_are_refused():
 
 @given(st.data())
 @settings(max_examples=200, deadline=None)
-def test_whatever_becomes_of_a_text_no_other_error_comes(data):
+def test_mutated_par_raises_no_other_error(data):
     text = data.draw(st.sampled_from([GOOD, PENDULUM, FLOATING, "(* Frames = 'a' 2, 'b' 0 *)" + PENDULUM]))
     for _ in range(data.draw(st.integers(1, 4))):
         start, length = data.draw(st.integers(0, len(text))), data.draw(st.integers(0, 8))
@@ -309,12 +309,12 @@ def sample(name):
 
 
 def values_of(text, **given_values):
-    """Values for all dynamic parameters of a sample, and what else is given."""
+    """Return values for all dynamic parameters of a sample, and the additional ones."""
     names = re.findall(rb"\b(?:XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|IA|FV|FS)\d+\b", text)
     return {name.decode(): 0.1 + 0.01 * k for k, name in enumerate(names)} | {"G3": -9.81} | given_values
 
 
-def test_the_stanford_arm_is_its_table(caplog):
+def test_stanford_arm_matches_its_table(caplog):
     text = sample("Stanford")
     with caplog.at_level(logging.WARNING):
         robot = read_par(text, values=values_of(text, RL2=0.154))
@@ -332,7 +332,7 @@ def test_the_stanford_arm_is_its_table(caplog):
     np.testing.assert_allclose(Dynamics(robot).link_pose("link_6", q)[:3, 3], centre, atol=1e-14)
 
 
-def test_the_rx90_is_its_table():
+def test_rx90_matches_its_table():
     text = sample("RX90")
     robot = read_par(text, values=values_of(text, D3=0.45, RL4=0.45))
     assert robot.name == "RX90" and len(robot.joints) == 6
@@ -342,9 +342,9 @@ def test_the_rx90_is_its_table():
 
 
 def test_large_constant_beside_a_joint_variable_does_not_hide_it():
-    """r = r1 + 1e12: the variable grows by one where the entry does, in the digits that are left."""
+    """r = r1 + 1e12: the entry increases by as much as the variable, in the remaining digits."""
     zeros = "".join(f"{key} = {{0}}\n" for key in ("ant", "b", "d", "gamma", "alpha", "theta"))
     text = f"NL = 1\nNJ = 1\nsigma = {{1}}\nr = {{r1 + 1e12}}\n{zeros}"
     assert read_par(text).joints[0].placement[2, 3] == 1e12
-    with pytest.raises(DescriptionError, match="does not grow as r1 does"):
+    with pytest.raises(DescriptionError, match="does not increase by as much as r1"):
         read_par(text.replace("r1 + 1e12", "2*r1 + 1e12"))

@@ -1,4 +1,4 @@
-"""Closed loops in SYMORO+ .par: the published ones close as their geometry says; written and read back they stay."""
+"""Closed loops in SYMORO+ .par: closure of published robots, and round trips through the format."""
 
 import math
 import re
@@ -22,7 +22,7 @@ from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 
 SAMPLES = Path(__file__).parents[3].parent / "shared" / "data" / "par"
 
-# a parallelogram, a loop that is welded, and one that slides, whose frame k+B hangs on that of the loop before
+# a parallelogram, a loop that is welded, and a prismatic one, whose frame k+B is placed in that of the loop before
 LOOPS = """(* Robotname = 'loops' *)
 NL = 4
 NJ = 7
@@ -44,7 +44,7 @@ k = {0,0,0,0,30,0,0}
 
 
 def placements(robot, positions):
-    """Frames (4, 4) of the links in frame 0, by their definition; positions: {name of a joint: variable}."""
+    """Return the frames (4, 4) of the links in frame 0, by their definition; positions: {name of a joint: variable}."""
     placed = [np.eye(4)]
     for joint in robot.joints:
         variable = {"r" if joint.prismatic else "theta": positions[joint.name]}
@@ -53,7 +53,7 @@ def placements(robot, positions):
 
 
 def gaps(robot, positions):
-    """How far frames k+B are from frames k: (4, 4) less the identity, for each loop."""
+    """Return the pose of frame k+B in frame k minus the identity (4, 4), for each loop."""
     placed = placements(robot, positions)
     ends = [[placed[end.link] @ end.placement for end in loop.ends] for loop in robot.loops]
     return [np.linalg.inv(moved) @ closed_on - np.eye(4) for moved, closed_on in ends]
@@ -69,7 +69,7 @@ def sample(name, **lengths):
     return read_par(text, source=name, values=values | {"G3": -9.81} | lengths)
 
 
-def test_parallelogram_of_the_sr400_closes_as_its_geometry_says():
+def test_parallelogram_of_the_sr400_closes_as_its_geometry_requires():
     """Opposite bars stay parallel: bar 8 as link 2, bar 7 as the lever d8 on link 3, a quarter of a turn before it."""
     robot = sample("SR400", d2=0.2, d3=0.5, d4=0.1, d8=0.3, r4=0.4)
     assert [joint.role for joint in robot.joints] == [
@@ -84,7 +84,7 @@ def test_parallelogram_of_the_sr400_closes_as_its_geometry_says():
     assert np.abs(gap).max() > 0.01
 
 
-def test_rhombus_of_the_test_loop_closes_as_its_geometry_says():
+def test_rhombus_of_the_test_loop_closes_as_its_geometry_requires():
     robot = sample("testLoop", d=0.5)
     for q1, q2 in np.random.default_rng(1).uniform(-3, 3, (10, 2)):
         positions = {"joint_1": q1, "joint_2": q2, "joint_3": q1 + q2, "joint_4": -q2, "joint_5": q2}
@@ -103,7 +103,7 @@ def test_rhombus_of_the_test_loop_closes_as_its_geometry_says():
         ("TwoLoops", {"d12": 0.3, "g12": 0.4, "d3": 0.5, "d4": 0.6, "d7": 0.2}, {1, 2, 3, 5}, [(9, 8), (10, 8)]),
     ],
 )
-def test_published_robots_with_two_loops_have_them_where_their_tables_say(name, lengths, motors, ends):
+def test_loops_of_published_robots_match_their_tables(name, lengths, motors, ends):
     robot = sample(name, **lengths)
     assert {number for number, joint in enumerate(robot.joints, start=1) if joint.actuated} == motors
     assert [(loop.moved.link, loop.closed_on.link) for loop in robot.loops] == ends
@@ -111,7 +111,7 @@ def test_published_robots_with_two_loops_have_them_where_their_tables_say(name, 
     assert not any(np.any(robot.links[loop.moved.link].inertia.spatial) for loop in robot.loops)
 
 
-def test_frame_that_closes_a_loop_may_hang_on_that_of_another():
+def test_closing_frame_may_be_placed_in_that_of_another_loop():
     robot = sample("TwoLoops", d12=0.3, g12=0.4, d3=0.5, d4=0.6, d7=0.2)
     first, second = robot.loops
     np.testing.assert_array_equal(first.closed_on.placement, second.closed_on.placement)  # row 12 is at row 11
@@ -120,7 +120,7 @@ def test_frame_that_closes_a_loop_may_hang_on_that_of_another():
     )
 
 
-def test_rows_beyond_those_of_the_links_are_loops():
+def test_rows_after_the_links_are_loops():
     robot = read_par(LOOPS, values={"d": 0.5})
     names = [("joint_5", 5, 2), ("loop_6", 2, 3), ("joint_7", 6, 2)]
     assert [(loop.name, loop.moved.link, loop.closed_on.link) for loop in robot.loops] == names
@@ -146,7 +146,7 @@ BAD = {
     "no mu": (
         "mu = {1,0,1,0,0,0,0,0,0,0}\n",
         "",
-        "par: mu missing: where loops are closed it tells which joints motors",
+        "par: mu missing: a robot with loops needs it to distinguish actuated joints",
     ),
     "no d": ("d = {0,d,0,d,d,0,0,d,0.3,0.1}\n", "", "par: d missing: the table of the frames needs ant,"),
     "too few frames": (
@@ -159,14 +159,14 @@ BAD = {
     "frames": (
         "NF = 10",
         "NF = 9",
-        "line 4: NF = 9: NF = 2 NJ - NL = 10 is needed .*two for each of 3 cut joints.*leave",
+        "line 4: NF = 9: NF = 2 NJ - NL = 10 is needed .*two for each of 3 cut joints.*omit",
     ),
     "joints": (
         "NJ = 7",
         "NJ = 3",
         "line 3: NJ = 3 joints cannot move NL = 4 links: NJ = NL in a tree, and one joint more",
     ),
-    "more than a description has": ("NJ = 7", "NJ = 1900", "line 3: NJ = 1900: more frames than 2000 are not read"),
+    "more than a description has": ("NJ = 7", "NJ = 1900", "line 3: NJ = 1900: the maximum is 2000 frames"),
     "frame k+B that moves": (
         "0,2,1,2,2,2}",
         "0,2,1,0,2,2}",
@@ -176,20 +176,20 @@ BAD = {
     "one link": (
         "{0,1,0,3,4,2,1,2,3,8}",
         "{0,1,0,3,4,2,1,5,3,8}",
-        "line 6: rows 5 and 8, which are to coincide, are on",
+        "line 6: rows 5 and 8, which must coincide, are on",
     ),
     "names of loops": (
         "NL = 4",
         "(* Loops = 'a', 'b' *)\nNL = 4",
         "line 2: the comment Loops = has 2 names: there are 3",
     ),
-    "loop twice": ("NL = 4", "(* Loops = 'a', 'b', 'a' *)\nNL = 4", "par: loop 'a' is there more than once"),
+    "loop twice": ("NL = 4", "(* Loops = 'a', 'b', 'a' *)\nNL = 4", "par: loop 'a' is defined more than once"),
     "no stiffness": ("k = {0,0,0,0,30,0,0}\n", "", "line 16: row 5 is elastic, but the list k is missing"),
 }
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_a_bad_text_is_refused_with_the_line_and_what_would_be_right(name):
+def test_malformed_par_is_refused_with_line_and_remedy(name):
     wrong, right, message = BAD[name]
     text = LOOPS.replace(wrong, right)
     assert text != LOOPS
@@ -198,27 +198,27 @@ def test_a_bad_text_is_refused_with_the_line_and_what_would_be_right(name):
     assert re.search(message, str(raised.value), re.DOTALL), str(raised.value)
 
 
-def same(found, expected):
-    assert [link.name for link in found.links] == [link.name for link in expected.links]
-    assert [loop.name for loop in found.loops] == [loop.name for loop in expected.loops]
-    assert found.frames_by_name.keys() == expected.frames_by_name.keys()
-    for joint, read in zip(expected.joints, found.joints, strict=True):
+def same(actual, expected):
+    assert [link.name for link in actual.links] == [link.name for link in expected.links]
+    assert [loop.name for loop in actual.loops] == [loop.name for loop in expected.loops]
+    assert actual.frames_by_name.keys() == expected.frames_by_name.keys()
+    for joint, read in zip(expected.joints, actual.joints, strict=True):
         np.testing.assert_allclose(read.placement, joint.placement, rtol=0, atol=1e-12)
         assert (read.name, read.antecedent, read.role) == (joint.name, joint.antecedent, joint.role)
         for key in ("rotor_inertia", "viscous_friction", "coulomb_friction"):
             assert getattr(read, key) == pytest.approx(getattr(joint, key), rel=1e-15)
-    for loop, read in zip(expected.loops, found.loops, strict=True):
+    for loop, read in zip(expected.loops, actual.loops, strict=True):
         for end, again in zip(loop.ends, read.ends, strict=True):
             assert again.link == end.link
             np.testing.assert_allclose(again.placement, end.placement, rtol=0, atol=1e-12)
     for frame in expected.frames:
-        again = found.frames_by_name[frame.name]
+        again = actual.frames_by_name[frame.name]
         assert again.link == frame.link
         np.testing.assert_allclose(again.placement, frame.placement, rtol=0, atol=1e-12)
 
 
 def sayable(robot):
-    """The robot without what a .par cannot say."""
+    """Return the robot without the parts that a .par cannot represent."""
     joints = []
     for joint in robot.joints:
         driven = joint.actuated and joint.mimic is None
@@ -230,13 +230,13 @@ def sayable(robot):
 
 @settings(deadline=None, max_examples=200)
 @given(robots(st.from_regex("[a-z]{1,3}", fullmatch=True)))
-def test_any_robot_with_loops_survives_write_and_read(robot):
+def test_robots_with_loops_are_unchanged_by_write_and_read(robot):
     robot = sayable(robot)
     assume(not find_losses(robot))
     same(read_par(write_par(robot)), robot)
 
 
-def test_loops_stay_from_a_par_to_a_table_and_back():
+def test_loops_are_unchanged_by_conversion_to_a_table_and_back():
     robot = read_par(LOOPS, values={"d": 0.5})
     table = write_mdh_yaml(robot)
     assert (
@@ -251,12 +251,12 @@ def test_loops_stay_from_a_par_to_a_table_and_back():
 
 def test_a_frame_at_the_end_of_a_loop_but_for_rounding_needs_no_row():
     robot = read_par(LOOPS, values={"d": 0.5})
-    (place,) = [place for place, frame in enumerate(robot.frames) if frame.name == "frame_6"]
+    (index,) = [index for index, frame in enumerate(robot.frames) if frame.name == "frame_6"]
     frames = list(robot.frames)
-    turned = frames[place].placement.copy()
+    turned = frames[index].placement.copy()
     turned[:3, :3] = np.nextafter(turned[:3, :3], 2.0)
-    frames[place] = replace(frames[place], placement=turned)
-    assert not np.array_equal(turned, robot.frames[place].placement)
+    frames[index] = replace(frames[index], placement=turned)
+    assert not np.array_equal(turned, robot.frames[index].placement)
     assert "\nNL = 4\nNJ = 7\nNF = 10\n" in write_par(replace(robot, frames=tuple(frames)))
 
 
@@ -269,10 +269,10 @@ def test_cut_joint_with_friction_is_written_as_a_joint_of_the_tree_and_its_loop_
     same(read_par(text), robot)
 
 
-def test_loop_cut_at_a_ball_joint_is_told_as_lost():
+def test_spherical_loop_is_listed_as_lost():
     robot = read_par(LOOPS, values={"d": 0.5})
-    first, *others = robot.loops
-    robot = replace(robot, loops=(first, *(replace(loop, is_spherical=True) for loop in others)))
+    first, *rest = robot.loops
+    robot = replace(robot, loops=(first, *(replace(loop, is_spherical=True) for loop in rest)))
     with pytest.raises(
         DescriptionError, match="'loop_6' is cut at a ball joint; loop 'joint_7' is cut at a ball joint"
     ):
@@ -282,7 +282,7 @@ def test_loop_cut_at_a_ball_joint_is_told_as_lost():
     assert [loop.name for loop in read_par(text).loops] == ["joint_5"]
 
 
-def test_initial_position_is_told_as_lost():
+def test_initial_position_is_listed_as_lost():
     robot = read_par(LOOPS, values={"d": 0.5})
     robot = replace(robot, joints=(replace(robot.joints[0], initial_position=0.5), *robot.joints[1:]))
     with pytest.raises(DescriptionError, match="joint 'joint_1' has an initial position"):

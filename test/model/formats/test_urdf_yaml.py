@@ -1,4 +1,4 @@
-"""A URDF with a YAML beside it: the URDF's robot, with the loops, roles and springs that the YAML tells."""
+"""A URDF with a YAML beside it: the URDF's robot, with the loops, roles and springs of the YAML."""
 
 import re
 from pathlib import Path
@@ -50,7 +50,7 @@ loops:
 
 
 def with_text(beside=BESIDE, urdf=URDF):
-    """The document with the text of the URDF in the place of its path."""
+    """Return the document with the text of the URDF in place of its path."""
     return beside.replace("bars.urdf", "|\n" + "".join(f"    {line}\n" for line in urdf.splitlines()).rstrip(), 1)
 
 
@@ -73,7 +73,7 @@ def check(robot):
     assert robot.frame("knee_link").link == 4
 
 
-def test_urdf_is_found_beside_the_yaml_by_an_absolute_path_and_as_text(tmp_path, monkeypatch):
+def test_urdf_is_read_from_the_folder_an_absolute_path_or_the_text(tmp_path, monkeypatch):
     (tmp_path / "bars.urdf").write_text(URDF)
     (tmp_path / "bars.yaml").write_text(BESIDE)
     check(load_robot(tmp_path / "bars.yaml"))
@@ -88,7 +88,7 @@ def test_urdf_is_found_beside_the_yaml_by_an_absolute_path_and_as_text(tmp_path,
     check(load_robot(with_text()))
 
 
-def test_table_made_of_it_is_the_same_robot_with_a_loop_that_is_cut_where_it_was():
+def test_supplemented_urdf_as_a_table_is_the_same_robot():
     robot = minimal_frames(load_robot(with_text()))
     again = read_mdh_yaml(write_mdh_yaml(robot))
     assert cut_joints(again) == {0: 3} and [link.name for link in again.links] == [link.name for link in robot.links]
@@ -96,23 +96,23 @@ def test_table_made_of_it_is_the_same_robot_with_a_loop_that_is_cut_where_it_was
         np.testing.assert_allclose(same.placement, end.placement, atol=1e-12)
 
 
-def test_values_name_gravity_and_base_are_told_as_for_a_table():
+def test_supplemented_urdf_takes_values_name_gravity_and_base_as_a_table_does():
     text = with_text("robot: other\n" + BESIDE)
     robot = load_robot(text, values={"l": 0.7}, gravity=(1, 2, 3), moving_base=True)
     assert robot.name == "other" and robot.joints[1].spring.rest == 0.7
     assert robot.moving_base and robot.gravity.tolist() == [1, 2, 3]
 
 
-def test_text_that_came_from_no_file_opens_none(tmp_path):
+def test_text_without_a_file_opens_no_file(tmp_path):
     (tmp_path / "bars.urdf").write_text(URDF)
     for path in ("bars.urdf", str(tmp_path / "bars.urdf")):
         with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is a path, but this"):
             load_robot(BESIDE.replace("bars.urdf", path))
-        with pytest.raises(DescriptionError, match=r"topic, line 1, column 7: .*put the text of the URDF there"):
+        with pytest.raises(DescriptionError, match=r"topic, line 1, column 7: .*give the text of the URDF instead"):
             read_robot(BESIDE.replace("bars.urdf", path), source="topic")
 
 
-def test_urdf_that_cannot_be_read_is_told_with_its_own_place(tmp_path):
+def test_malformed_urdf_is_refused_with_its_own_line(tmp_path):
     (tmp_path / "bars.yaml").write_text(BESIDE)
     with pytest.raises(DescriptionError, match=r"bars.yaml, line 1, column 7: '.*bars.urdf' cannot be read as a file"):
         load_robot(tmp_path / "bars.yaml")
@@ -121,11 +121,11 @@ def test_urdf_that_cannot_be_read_is_told_with_its_own_place(tmp_path):
         load_robot(tmp_path / "bars.yaml")
     (tmp_path / "bars.urdf").unlink()
     (tmp_path / "bars.urdf").mkdir()
-    with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is no file"):
+    with pytest.raises(DescriptionError, match=r"line 1, column 7: '.*bars.urdf' is not a file"):
         load_robot(tmp_path / "bars.yaml")
 
 
-def test_examples_of_the_readme_are_the_same_robot_and_nearly_closed_where_they_begin(tmp_path):
+def test_examples_of_the_readme_are_the_same_robot_and_start_nearly_closed(tmp_path):
     text = (Path(__file__).parents[3] / "README.md").read_text()
     table, beside = re.findall(r"```yaml\n(# four_bar\S*.yaml\n.*?)```", text, re.DOTALL)
     robot = load_robot(table)
@@ -134,12 +134,12 @@ def test_examples_of_the_readme_are_the_same_robot_and_nearly_closed_where_they_
     (tmp_path / "four_bar.yaml").write_text(beside)
     with_urdf = load_robot(tmp_path / "four_bar.yaml")
     assert not robot.warnings and not with_urdf.warnings
-    for one in (robot, with_urdf):
+    for example in (robot, with_urdf):
         placed = [np.eye(4)]
-        for joint in one.joints:
+        for joint in example.joints:
             turn = placement(rotation_from_roll_pitch_yaw(0, 0, joint.initial_position))
             placed.append(placed[joint.antecedent] @ joint.placement @ turn)
-        moved, closed_on = (placed[end.link] @ end.placement for end in one.loops[0].ends)
+        moved, closed_on = (placed[end.link] @ end.placement for end in example.loops[0].ends)
         np.testing.assert_allclose(moved, closed_on, atol=0.01)
     assert [joint.role for joint in with_urdf.joints] == [joint.role for joint in robot.joints]
     assert [link.name for link in with_urdf.links] == [link.name for link in robot.links]
@@ -160,23 +160,23 @@ MISTAKES = {
     "passive with spring": (
         "hip: elastic",
         "hip: passive",
-        "joint 'hip': a passive joint that has a spring",
+        "joint 'hip': a passive joint with a spring",
     ),
-    "role of a follower": ("hip: elastic", "hip: elastic, copy: passive", "joint 'copy': a joint that follows another"),
-    "cut joint": ("hip: elastic", "hip: elastic, knee: passive", "loop 'knee' is cut at that joint: what it is stands"),
+    "role of a follower": ("hip: elastic", "hip: elastic, copy: passive", "joint 'copy': a mimic joint"),
+    "cut joint": ("hip: elastic", "hip: elastic, knee: passive", "loop 'knee' is cut at that joint: describe"),
     "negative stiffness": ("stiffness: 3", "stiffness: -3", "joint 'hip': stiffness -3 is negative"),
     "no number": ("shoulder: 0.5", "shoulder: left", "unknown name 'left'"),
-    "name of a joint": ("joint: knee", "joint: hip", "joint 'hip' is there already"),
+    "name of a joint": ("joint: knee", "joint: hip", "joint 'hip' is already defined"),
     "unknown antecedent": ("antecedent: left_tip", "antecedent: left_top", "unknown link 'left_top': did you mean"),
     "joint as antecedent": ("antecedent: third", "antecedent: copy", "'copy' is a joint: it moves 'third'"),
     "two ways to say it": ("loops:", "joints: []\nloops:", "'joints': a robot has its joints here or in its urdf"),
     "misspelt key": ("roles:", "rolls:", "unknown key 'rolls': did you mean 'roles'"),
-    "empty": ("urdf: bars.urdf", "urdf: ''", "is not right: the path of a URDF"),
+    "empty": ("urdf: bars.urdf", "urdf: ''", "is invalid: the path of a URDF"),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told_with_line_and_what_would_be_right(mistake):
+def test_malformed_supplement_is_refused_with_line_and_remedy(mistake):
     wrong, right, reason = MISTAKES[mistake]
     text = with_text(BESIDE.replace(wrong, right, 1))
     with pytest.raises(DescriptionError) as refusal:

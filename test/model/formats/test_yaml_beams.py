@@ -1,4 +1,4 @@
-"""Beams in MDH tables: what is read, written and refused."""
+"""Beams in MDH tables: reading, writing and errors."""
 
 import re
 
@@ -38,22 +38,22 @@ joints:
 """
 
 
-def test_what_is_written_is_read_back_and_vibrates_alike():
+def test_beams_are_unchanged_by_write_and_read():
     robot = load_robot(ARM)
     expected = Dynamics(robot).elastodynamics.frequencies([0.3, 0.2])
-    for other in (
+    for copy in (
         load_robot(write_mdh_yaml(robot)),
         minimal_frames(robot),
         load_robot(write_mdh_yaml(minimal_frames(robot))),
     ):
-        found = Dynamics(other).elastodynamics.frequencies([0.3, 0.2])
-        assert np.abs(found / expected - 1).max() < 1e-9
-        assert [joint.brake for joint in other.joints] == [False, True]
-        for one, two in zip(robot.links, other.links, strict=True):
-            assert one.inertia.mass == pytest.approx(two.inertia.mass, rel=1e-12)
+        actual = Dynamics(copy).elastodynamics.frequencies([0.3, 0.2])
+        assert np.abs(actual / expected - 1).max() < 1e-9
+        assert [joint.brake for joint in copy.joints] == [False, True]
+        for link, same in zip(robot.links, copy.links, strict=True):
+            assert link.inertia.mass == pytest.approx(same.inertia.mass, rel=1e-12)
 
 
-def test_a_link_weighs_what_its_beams_and_bodies_weigh():
+def test_mass_of_a_flexible_link_is_that_of_its_beams_and_bodies():
     robot = load_robot(ARM)
     bar, pipe = 0.01 * 0.02, np.pi / 4 * (0.03**2 - 0.026**2)
     upper = bar * np.hypot(0.3, 0.1) * 2700 + pipe * 0.2 * 7850 + 0.5 + 0.7
@@ -64,7 +64,7 @@ def test_a_link_weighs_what_its_beams_and_bodies_weigh():
     assert not robot.warnings
 
 
-def test_a_payload_hangs_where_its_frame_is():
+def test_payload_on_a_flexible_link_is_at_its_frame():
     robot = load_robot(ARM)
     plain = Dynamics(robot).elastodynamics.frequencies([0.3, 0.2], count=1)
     at_weight = Dynamics(robot.with_payload("weight", Inertia(mass=1.0))).elastodynamics.frequencies(
@@ -75,14 +75,14 @@ def test_a_payload_hangs_where_its_frame_is():
     assert at_weight < plain
 
 
-def test_urdf_cannot_say_it():
-    with pytest.raises(DescriptionError, match="link 'upper' bends"):
+def test_flexible_links_are_refused_by_urdf():
+    with pytest.raises(DescriptionError, match="link 'upper' is flexible"):
         write_urdf(load_robot(ARM))
-    assert "bends" in write_urdf(load_robot(ARM), lossy=True)
+    assert "is flexible" in write_urdf(load_robot(ARM), lossy=True)
 
 
 @pytest.mark.parametrize(
-    "change, told",
+    "change, message",
     [
         (
             ("material: alloy, elements", "material: aloy, elements"),
@@ -97,32 +97,35 @@ def test_urdf_cannot_say_it():
             r"line 7.*area of a section is -0.0001: it must be positive",
         ),
         (("{rectangle: {y: 0.01, z: 0.02}}", "{area: 1e-4}"), "second_moment_y missing"),
-        (("{rectangle: {y: 0.01, z: 0.02}}", "{area: 1, circle: {diameter: 1}}"), "circle says all"),
+        (
+            ("{rectangle: {y: 0.01, z: 0.02}}", "{area: 1, circle: {diameter: 1}}"),
+            "circle defines the section completely",
+        ),
         (
             ("{rectangle: {y: 0.01, z: 0.02}}", "{rectangle: {y: 0.01, z: 0}}"),
             "z of a rectangle is 0 m: it must be positive",
         ),
-        (("wall: 0.002", "wall: 0.02"), "at most half"),
+        (("wall: 0.002", "wall: 0.02"), "the maximum is half"),
         (("poissons_ratio: 0.3", "poissons_ratio: 0.7"), "between -1 and 0.5"),
         (("poissons_ratio: 0.3, ", ""), "shear_modulus or poissons_ratio is needed"),
         (("density: 2700", "density: -1"), "density of a material is -1: it must be zero or more"),
         (("to: [0.3, 0, 0.1]", "to: [0, 0, 0]"), "0 m long"),
         (("elements: 2", "elements: 0"), "1 or more"),
         (("y: [0, 1, 0.2]", "y: [3, 0, 1]"), "must lie across"),
-        (("from: [0.15, 0, 0.05]", "from: [0.1, 0, 0.05]"), "where nothing is"),
+        (("from: [0.15, 0, 0.05]", "from: [0.1, 0, 0.05]"), "which is on no beam"),
         (("    role: passive\n    brake: true", "    brake: 3"), "true or false"),
-        (("beams: [{from: [0.02", "type: fixed\n    beams: [{from: [0.02"), "where nothing is"),
+        (("beams: [{from: [0.02", "type: fixed\n    beams: [{from: [0.02"), "which is on no beam"),
     ],
 )
-def test_what_is_wrong_is_told(change, told):
+def test_invalid_beams_are_refused_with_a_reason(change, message):
     assert change[0] in ARM
-    with pytest.raises(DescriptionError, match=re.compile(told, re.DOTALL)):
+    with pytest.raises(DescriptionError, match=re.compile(message, re.DOTALL)):
         load_robot(ARM.replace(*change, 1))
 
 
-def test_the_base_does_not_bend():
+def test_flexible_base_is_refused():
     text = "robot: a\nmaterials: {m: {youngs_modulus: 1, poissons_ratio: 0, density: 1}}\n"
     text += "sections: {s: {circle: {diameter: 1}}}\n"
     text += "joints:\n  - {type: fixed, link: post, beams: [{to: [1, 0, 0], section: s, material: m}]}\n"
-    with pytest.raises(DescriptionError, match="the base does not bend"):
+    with pytest.raises(DescriptionError, match="the base cannot be flexible"):
         load_robot(text)

@@ -62,7 +62,7 @@ frames:
 """
 
 
-def test_each_copy_is_a_branch_of_its_own_with_a_suffix_to_its_names():
+def test_each_copy_of_a_leg_is_a_branch_with_a_suffix():
     robot = read_mdh_yaml(PLANAR)
     coordinates = [f"plate_{name}" for name in COORDINATES]
     right, left = ([f"{name}{suffix}" for name in ("hip", "knee", "geared")] for suffix in ("_1", "_left"))
@@ -105,7 +105,7 @@ def _moved(x):
     return matrix
 
 
-def test_parameters_of_a_copy_are_others_for_it_alone():
+def test_parameters_of_a_copy_apply_to_it_alone():
     robot = read_mdh_yaml(PLANAR)
     masses = [robot.links[robot.frame(name).link].inertia.mass for name in ("shin_1", "shin_left")]
     starts = [robot.joints[robot.joint_numbers[name]].initial_position for name in ("hip_1", "hip_left")]
@@ -113,7 +113,7 @@ def test_parameters_of_a_copy_are_others_for_it_alone():
     assert [link.inertia.mass for link in read_mdh_yaml(PLANAR, values={"w": 7}).links if "shin" in link.name] == [7, 3]
 
 
-def test_platform_is_described_in_its_own_frame_which_its_coordinates_place():
+def test_platform_is_described_in_its_own_frame():
     robot = read_mdh_yaml(PLANAR)
     assert robot.platform == Platform(6, (0, 1, 2, 3, 4, 5), ("x", "y", "yaw"))
     assert [joint.initial_position for joint in robot.joints[:6]] == pytest.approx([0.1, 0.9, 0, 0.2, 0, 0])
@@ -140,16 +140,20 @@ def test_robot_is_the_same_when_written_and_read(change):
         assert [end.link for end in loop.ends] == [
             end.link for end in same.ends
         ] and loop.is_spherical == same.is_spherical
-        for end, other in zip(loop.ends, same.ends, strict=True):
-            np.testing.assert_allclose(other.placement, end.placement, rtol=0, atol=1e-15)
+        for end, same_end in zip(loop.ends, same.ends, strict=True):
+            np.testing.assert_allclose(same_end.placement, end.placement, rtol=0, atol=1e-15)
 
 
-def test_coordinates_place_the_named_frame_of_the_platform_whatever_the_frames():
+def test_coordinates_place_the_named_frame_of_the_platform_in_any_link_frames():
     robot = read_mdh_yaml(PLANAR)
     alone = replace(robot, loops=())
     rng = np.random.default_rng(0)
-    for one in (alone, minimal_frames(alone), replace(read_mdh_yaml(write_mdh_yaml(minimal_frames(robot))), loops=())):
-        dynamics = Dynamics(one, compiled=False)
+    for variant in (
+        alone,
+        minimal_frames(alone),
+        replace(read_mdh_yaml(write_mdh_yaml(minimal_frames(robot))), loops=()),
+    ):
+        dynamics = Dynamics(variant, compiled=False)
         q = rng.uniform(-1, 1, (10, len(dynamics.joint_names)))
         poses = q[:, [dynamics.joint_names.index(f"plate_{name}") for name in COORDINATES]]
         for pose, (x, y, z, yaw, pitch, roll) in zip(dynamics.link_pose("plate", q), poses, strict=True):
@@ -157,21 +161,21 @@ def test_coordinates_place_the_named_frame_of_the_platform_whatever_the_frames()
             np.testing.assert_allclose(pose, expected, rtol=0, atol=1e-14)
 
 
-def test_what_other_formats_cannot_say_of_a_platform_is_told():
+def test_platform_is_listed_as_lost_in_other_formats():
     robot = read_mdh_yaml(PLANAR)
-    assert any("'plate' is the platform, and free to move by x, y, yaw" in told for told in par_losses(robot))
-    assert any("'plate' is the platform, and free to move by x, y, yaw" in told for told in urdf_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in loss for loss in par_losses(robot))
+    assert any("'plate' is the platform, free to move in x, y, yaw" in loss for loss in urdf_losses(robot))
 
 
-@pytest.mark.parametrize(("kept", "told"), [(0, "no leg holds it"), (1, "one leg alone holds it")])
-def test_platform_on_fewer_than_two_legs_is_doubtful(kept, told):
+@pytest.mark.parametrize(("kept", "message"), [(0, "no leg holds it"), (1, "only one leg holds it")])
+def test_platform_on_fewer_than_two_legs_causes_a_warning(kept, message):
     robot = read_mdh_yaml(PLANAR)
     loose = replace(robot, loops=robot.loops[:kept])
-    assert any(told in warning for warning in loose.warnings)
+    assert any(message in warning for warning in loose.warnings)
     assert not any("holds it" in warning for warning in robot.warnings)
 
 
-def test_robot_needs_no_joints_beside_its_legs():
+def test_joints_list_may_be_absent_beside_legs():
     text = PLANAR[: PLANAR.index("joints:")] + PLANAR[PLANAR.index("legs:") :].replace("antecedent: rail", "")
     assert [joint.name for joint in read_mdh_yaml(text).joints][6] == "hip_1"
 
@@ -193,10 +197,10 @@ MISTAKES = {
         "",
         7,
         5,
-        "is told once: by end, or by",
+        "either end is needed, or ends",
     ),
-    "copies of one name": ("suffix: _left", "suffix: _1", 16, 17, "suffix '_1' is there already"),
-    "name of the platform taken": ("link: plate\n", "link: rail\n", 5, 25, "link or frame 'rail' is there already"),
+    "copies of one name": ("suffix: _left", "suffix: _1", 16, 17, "suffix '_1' is already used"),
+    "name of the platform taken": ("link: plate\n", "link: rail\n", 5, 25, "link or frame 'rail' is already defined"),
     "unknown parameter": ("parameters: {w: 3}", "parameters: {v: 3}", 19, 25, "unknown parameter 'v'"),
     "unknown coordinate": ("free: [x, y, yaw]", "free: [x, y, phi]", 36, 16, "is none of x, y, z, yaw, pitch, roll"),
     "coordinate twice": ("free: [x, y, yaw]", "free: [x, y, x]", 36, 9, "a list of the coordinates"),
@@ -206,7 +210,7 @@ MISTAKES = {
         "joint: ankle, role: actuated,",
         13,
         31,
-        "no motor can drive joint 'ankle_1'",
+        "joint 'ankle_1' cannot be actuated",
     ),
     "friction of a ball": (
         "joint: pin, type: spherical",
@@ -215,8 +219,14 @@ MISTAKES = {
         47,
         "no joint vari",
     ),
-    "frame of the platform": ("frame: tool", "frame: plate", 40, 13, "link or frame 'plate' is there already"),
-    "two ways to say a place": ("gamma: pi, d: 0.2}}", "d: 1}, xyz: [0, 0, 0]}", 18, 38, "mdh and xyz say the same"),
+    "frame of the platform": ("frame: tool", "frame: plate", 40, 13, "link or frame 'plate' is already defined"),
+    "two ways to say a place": (
+        "gamma: pi, d: 0.2}}",
+        "d: 1}, xyz: [0, 0, 0]}",
+        18,
+        38,
+        "mdh and xyz exclude each other",
+    ),
     "degrees": ("rpy: [0, 0, 0.2]", "rpy: [0, 0, 20]", 37, 45, "radians(20)"),
     "leader": ("mimic: {joint: hip,", "mimic: {joint: hop,", 12, 70, "unknown joint 'hop': known are"),
     "limits": ("{lower: -0.1, upper", "{lower: inf, upper", 38, 23, "unknown name 'inf'"),
@@ -225,30 +235,34 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
+def test_malformed_table_is_refused_with_line_column_and_remedy(mistake):
     wrong, right, line, column, reason = MISTAKES[mistake]
     text = PLANAR.replace(wrong, right, 1)
     assert text != PLANAR
     with pytest.raises(DescriptionError) as refusal:
         read_mdh_yaml(text, source="legs.yaml")
-    told = str(refusal.value)
-    assert reason in told and told.startswith(f"legs.yaml, line {line}, column {column}: "), told
+    message = str(refusal.value)
+    assert reason in message and message.startswith(f"legs.yaml, line {line}, column {column}: "), message
 
 
 WRITTEN = {
     "unknown joint": ("coordinates: [plate_x", "coordinates: [plate_w", "unknown joint 'plate_w'"),
-    "another order": ("coordinates: [plate_x, plate_y", "coordinates: [plate_y, plate_x", "in their order, not by"),
+    "another order": (
+        "coordinates: [plate_x, plate_y",
+        "coordinates: [plate_y, plate_x",
+        "in their order, must connect",
+    ),
     "too few": ("coordinates: [plate_x, ", "coordinates: [", "5 entries: a list of 6 joints"),
-    "body told twice": ("\n  coordinates:", "\n  mass: 1\n  coordinates:", "tell mass: leave it out"),
+    "body told twice": ("\n  coordinates:", "\n  mass: 1\n  coordinates:", "coordinate joints: omit it here"),
     "unknown link": ("platform:\n  link: plate", "platform:\n  link: palte", "unknown link 'palte'"),
-    "another link": ("platform:\n  link: plate", "platform:\n  link: rail", "by the six joints of its coordinates"),
+    "another link": ("platform:\n  link: plate", "platform:\n  link: rail", "the six joints of its coordinates"),
     "motor": ("role: passive\n    limits: {lower: -0.1, upper: 0.5}", "limits: {}", "have neither motors nor springs"),
     "axes": ("link: plate_y\n    antecedent: plate_x\n    type: prismatic\n    mdh: {gamma: pi/2", "", ""),
 }
 
 
 @pytest.mark.parametrize("mistake", WRITTEN)
-def test_mistake_in_coordinates_that_have_rows_is_told(mistake):
+def test_malformed_coordinate_rows_are_refused_with_a_reason(mistake):
     wrong, right, reason = WRITTEN[mistake]
     text = write_mdh_yaml(read_mdh_yaml(PLANAR))
     if mistake == "axes":

@@ -1,4 +1,4 @@
-"""Loops in MDH tables: what a short one means, what of it is written, and that mistakes are told with their place."""
+"""Loops in MDH tables: reading, writing, and errors with their position."""
 
 import math
 
@@ -56,7 +56,7 @@ def test_cut_joint_is_a_joint_of_the_tree_that_moves_a_link_without_inertia():
 
 
 @pytest.mark.parametrize(("kind", "ball"), [("fixed", False), ("spherical", True)])
-def test_loop_without_a_joint_that_turns_or_slides_adds_none(kind, ball):
+def test_weld_and_spherical_loop_add_no_joint(kind, ball):
     text = FOUR_BAR[: FOUR_BAR.index("    role: elastic")].replace("revolute", kind)
     robot = read_mdh_yaml(text)
     (loop,) = robot.loops
@@ -65,17 +65,17 @@ def test_loop_without_a_joint_that_turns_or_slides_adds_none(kind, ball):
     np.testing.assert_allclose(loop.moved.placement, expected, atol=1e-15)
 
 
-def test_name_of_the_cut_link_is_a_free_one_or_the_one_that_is_told():
+def test_name_of_the_cut_link_is_explicit_or_unique():
     taken = FOUR_BAR.replace("link: pin,", "link: knee_link,").replace("antecedent: pin,", "antecedent: knee_link,")
     assert read_mdh_yaml(taken).links[4].name == "knee_link_2"
     framed = FOUR_BAR + "frames:\n  - {frame: knee_link, link: input}\n"
     assert read_mdh_yaml(framed).links[4].name == "knee_link_2"
-    told = FOUR_BAR.replace("type: revolute", "link: no") + "frames:\n  - {frame: tip, link: no, xyz: [1, 0, 0]}\n"
-    robot = read_mdh_yaml(told)
+    named = FOUR_BAR.replace("type: revolute", "link: no") + "frames:\n  - {frame: tip, link: no, xyz: [1, 0, 0]}\n"
+    robot = read_mdh_yaml(named)
     assert robot.links[4].name == "no" and robot.frame("tip").link == 4
 
 
-def test_loop_may_end_on_the_link_of_one_before_it_and_a_joint_may_follow_one_where_a_loop_is_cut():
+def test_loop_may_end_on_an_earlier_cut_link_and_mimic_joint_may_follow_a_cut_joint():
     text = FOUR_BAR.replace("antecedent: ground, mdh: {alpha: pi/2, d: l}, role: passive", "mimic: {joint: knee}")
     text += "  - {joint: second, moved: {antecedent: knee_link}, closed_on: {antecedent: ground}, type: prismatic}\n"
     robot = read_mdh_yaml(text)
@@ -85,31 +85,31 @@ def test_loop_may_end_on_the_link_of_one_before_it_and_a_joint_may_follow_one_wh
     assert [joint.name for joint in again.joints] == [joint.name for joint in robot.joints]
 
 
-def test_cut_joint_is_written_as_a_loop_and_any_other_as_a_row_that_is_welded():
+def test_cut_joint_is_written_as_a_loop_and_other_joints_as_welded_rows():
     robot = read_mdh_yaml(FOUR_BAR)
-    told = write_mdh_yaml(robot)
-    assert "type: fixed" not in told and "joint: knee\n    link: knee_link\n    moved: {antecedent: coupler" in told
+    text = write_mdh_yaml(robot)
+    assert "type: fixed" not in text and "joint: knee\n    link: knee_link\n    moved: {antecedent: coupler" in text
     heavy = robot.with_payload("knee_link", robot.links[1].inertia)
-    told = write_mdh_yaml(heavy)
-    assert "  - joint: knee\n    type: fixed\n    moved: {antecedent: knee_link}\n" in told
-    assert read_mdh_yaml(told).links[4].inertia.mass == 1 and len(read_mdh_yaml(told).joints) == 4
+    text = write_mdh_yaml(heavy)
+    assert "  - joint: knee\n    type: fixed\n    moved: {antecedent: knee_link}\n" in text
+    assert read_mdh_yaml(text).links[4].inertia.mass == 1 and len(read_mdh_yaml(text).joints) == 4
 
 
-def test_frames_chosen_anew_close_the_same_loop():
+def test_minimal_frames_close_the_same_loop():
     """The frames k and k+B meet in the new frames at the variable at which they met in the old ones."""
     text = FOUR_BAR.replace("{alpha: 0.3, d: 0.1}", "{alpha: 0.3, d: 0.1, theta: 0.4, r: 0.2}")
     robot = read_mdh_yaml(text)
     chosen = minimal_frames(robot)
     assert cut_joints(chosen) == {0: 3} and "theta: 0, r: 0}" in write_mdh_yaml(chosen).split("moved:")[1]
     for variable in (0.0, 1.1):
-        (k, other), (new_k, new_other) = (frames_of_the_loop(one, variable) for one in (robot, chosen))
+        (k, closing), (new_k, new_closing) = (frames_of_the_loop(variant, variable) for variant in (robot, chosen))
         change = np.linalg.inv(k) @ new_k
         np.testing.assert_allclose(change[:, 2], [0, 0, 1, 0], atol=1e-12)
-        np.testing.assert_allclose(np.linalg.inv(other) @ new_other, change, atol=1e-12)
+        np.testing.assert_allclose(np.linalg.inv(closing) @ new_closing, change, atol=1e-12)
 
 
 def frames_of_the_loop(robot, variable):
-    """Frames k and k+B (4, 4) in frame 0, all joints at that variable."""
+    """Return frames k and k+B (4, 4) in frame 0, with all joints at that position."""
     placed = [np.eye(4)]
     for joint in robot.joints:
         placed.append(placed[joint.antecedent] @ joint.placement @ placement_from_mdh(MDHParameters(theta=variable)))
@@ -117,19 +117,19 @@ def frames_of_the_loop(robot, variable):
 
 
 MISTAKES = {
-    "motor": ("role: elastic", "role: actuated", 14, 11, "no motor can drive joint 'knee', where the loop is cut: cut"),
+    "motor": ("role: elastic", "role: actuated", 14, 11, "joint 'knee' cannot be actuated, because the loop is cut"),
     "elastic without spring": ("    spring: {stiffness: 3, rest: 0.1}\n", "", 14, 11, "needs a spring"),
     "spring without role": ("    role: elastic\n", "", 14, 13, "role missing: elastic"),
-    "passive with spring": ("role: elastic", "role: passive", 14, 11, "a passive joint that has a spring is elastic"),
-    "joint twice": ("joint: knee", "joint: rocker", 10, 12, "joint 'rocker' is there already"),
+    "passive with spring": ("role: elastic", "role: passive", 14, 11, "a passive joint with a spring is elastic"),
+    "joint twice": ("joint: knee", "joint: rocker", 10, 12, "joint 'rocker' is already defined"),
     "loop twice": (
         "loops:\n",
         "loops:\n  - {joint: knee, type: fixed, moved: {antecedent: pin}, closed_on: {antecedent: input}}\n",
         11,
         12,
-        "loop 'knee' is there already",
+        "loop 'knee' is already defined",
     ),
-    "link twice": ("type: revolute", "link: output", 11, 11, "link or frame 'output' is there already"),
+    "link twice": ("type: revolute", "link: output", 11, 11, "link or frame 'output' is already defined"),
     "unknown antecedent": (
         "antecedent: pin,",
         "antecedent: pni,",
@@ -143,14 +143,14 @@ MISTAKES = {
         "mdh: {}, xyz: [0.2",
         13,
         51,
-        "mdh and xyz say the same twice",
+        "mdh and xyz exclude each other",
     ),
     "friction of a weld": (
         "type: revolute",
         "type: fixed",
         14,
         11,
-        "has no joint variable: leave out role",
+        "has no joint variable: omit role",
     ),
     "type that is none": ("type: revolute", "type: ball", 11, 11, "is none of revolute, prismatic, fixed, spherical"),
     "frame left out": ("    closed_on:", "    #", 10, 5, "closed_on missing"),
@@ -160,7 +160,7 @@ MISTAKES = {
         "    mimic: {joint: crank}\n    limits:",
         18,
         5,
-        "where a loop is cut no joint",
+        "a cut joint mimics no other",
     ),
     "negative friction": ("coulomb_friction: 0.4", "coulomb_friction: -1", 10, 5, "coulomb_friction -1 is negative"),
     "degrees": ("alpha: 0.3", "alpha: 30", 12, 43, "radians(30)"),
@@ -169,20 +169,20 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told_with_line_column_and_what_would_be_right(mistake):
+def test_malformed_table_is_refused_with_line_column_and_remedy(mistake):
     wrong, right, line, column, reason = MISTAKES[mistake]
     text = FOUR_BAR.replace(wrong, right, 1)
     assert text != FOUR_BAR
     with pytest.raises(DescriptionError) as refusal:
         read_mdh_yaml(text, source="bars.yaml")
-    told = str(refusal.value)
-    assert reason in told and told.startswith(f"bars.yaml, line {line}, column {column}: "), told
+    message = str(refusal.value)
+    assert reason in message and message.startswith(f"bars.yaml, line {line}, column {column}: "), message
 
 
-def test_named_frame_as_antecedent_is_refused_with_what_would_be_right():
+def test_named_frame_as_antecedent_of_a_loop_is_refused_with_a_remedy():
     text = FOUR_BAR.replace("antecedent: pin,", "antecedent: tip,") + "frames:\n  - {frame: tip, link: coupler}\n"
     with pytest.raises(
-        DescriptionError, match="line 12, column 25: frame 'tip' is placed after the loops: its link is"
+        DescriptionError, match="line 12, column 25: frame 'tip' is defined after the loops: give its link"
     ):
         read_mdh_yaml(text)
 

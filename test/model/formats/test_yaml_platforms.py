@@ -15,8 +15,8 @@ from robot_dynamics.model.platform import COORDINATES
 STACK = planar_stack("gears")
 
 
-def test_each_platform_hangs_on_what_it_stands_on_and_its_legs_begin_there():
-    """The upper one comes first in the list, and waits for the fixed row of the turntable that it stands on."""
+def test_each_platform_and_its_legs_start_on_its_base():
+    """The upper platform is the first in the list, before the fixed row of the turntable on which it stands."""
     robot = read_mdh_yaml(STACK)
     assert robot.platform_links == ("upper", "lower")
     upper, lower = robot.platforms
@@ -48,7 +48,7 @@ def test_robot_is_the_same_when_written_and_read(change):
         np.testing.assert_allclose(same.placement, joint.placement, rtol=0, atol=1e-15)
     for frame in robot.frames:
         np.testing.assert_allclose(again.frame(frame.name).placement, frame.placement, rtol=0, atol=1e-15)
-    assert sum("is the platform" in told for told in par_losses(robot)) == 2
+    assert sum("is the platform" in loss for loss in par_losses(robot)) == 2
 
 
 FIRST_COPY = "        platform: {antecedent: lower, mdh: {gamma: toward, d: s*0.1, theta: -toward}}\n"
@@ -59,22 +59,26 @@ MISTAKES = {
     "which one a leg meets": (
         FIRST_COPY,
         "",
-        "there are many platforms (upper, lower): platform: {ante",
+        "there are several platforms (upper, lower): name one of them, platform: {ante",
     ),
     "leg to another link": (
         "antecedent: lower, mdh: {gamma",
         "antecedent: bench, mdh: {gamma",
         "unknown platform 'bench'",
     ),
-    "one and many": ("platforms:\n", "platform: {link: third, mass: 1}\nplatforms:\n", "told in one list"),
+    "one and many": (
+        "platforms:\n",
+        "platform: {link: third, mass: 1}\nplatforms:\n",
+        "platform and platforms exclude each other",
+    ),
     "none": (STACK[STACK.index("platforms:") : STACK.index("legs:")], "platforms: []\n", "a list of platforms"),
-    "twice": ("link: upper, base: bench", "link: lower, base: bench", "'lower_x' is there already"),
+    "twice": ("link: upper, base: bench", "link: lower, base: bench", "'lower_x' is already defined"),
     "no inertia": ("free: [x, y, yaw], mass: 4,", "free: [x, y, yaw], mass: 0,", "platform 'lower' has no inertia"),
 }
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_mistake_is_told(mistake):
+def test_malformed_platform_is_refused_with_line_and_remedy(mistake):
     wrong, right, reason = MISTAKES[mistake]
     text = STACK.replace(wrong, right, 1)
     assert text != STACK
@@ -83,12 +87,15 @@ def test_mistake_is_told(mistake):
     assert reason in str(refusal.value) and str(refusal.value).startswith("stack.yaml, line "), refusal.value
 
 
-def test_coordinates_that_have_rows_must_lie_on_the_base():
+def test_coordinate_rows_must_start_at_the_base():
     text = write_mdh_yaml(read_mdh_yaml(STACK))
     assert text.count("base: bench") == 1
     for right, reason in (
-        ("", "by the six joints of its coordinates, in their order, not by 'upper_x', "),
-        ("base: turntable", "must lie on that of the base where they are zero"),
+        (
+            "",
+            "in their order, must connect the platform to its base, not 'upper_x', ",
+        ),
+        ("base: turntable", "must coincide with that of the base where they are zero"),
         ("base: banch", "the base of a platform: unknown link 'banch': did you mean 'bench'"),
     ):
         with pytest.raises(DescriptionError, match=reason):

@@ -1,96 +1,116 @@
-"""What the numbers in a YAML description come to: expressions of its parameters, vectors, placements."""
+"""Values of the numbers in a YAML description: expressions of its parameters, vectors, placements."""
+
+from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
+from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_matrix
 from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
 
 
 class YamlEvaluator:
-    """The numbers of a YamlDocument. All raise DescriptionError, which tells line and column.
+    """Evaluates the numbers of a document. All methods raise DescriptionError with line and column.
 
-    values: {name: number or expression} in the place of entries of its `parameters`.
+    Parameters
+    ----------
+    document : YamlDocument
+        The document.
+    values : mapping of str to float or str
+        Numbers or expressions in place of entries of its `parameters`.
     """
 
-    def __init__(self, document, values):
-        self.document, self.values = document, values
-        self.names = self._parameters(document.data.get("parameters", {}), values)
+    def __init__(self, document: YamlDocument, values: Mapping[str, float | str]) -> None:
+        self.document = document
+        self._values = values
+        self._names = self._evaluate_parameters(document.data.get("parameters", {}), values)
 
-    def _parameters(self, told, values):
-        names = {}
-        for name in values:
-            if name not in told:
-                self.document.fail(("parameters",), f"value given for {describe_unknown_name('parameter', name, told)}")
-        for name, value in told.items():
+    def _evaluate_parameters(self, parameters: YamlMapping, values: Mapping[str, float | str]) -> dict[str, float]:
+        """Return the number of each parameter; its expression may contain only the parameters above it."""
+        numbers: dict[str, float] = {}
+        self._check_parameter_names(values, parameters)
+        for name, value in parameters.items():
             if name in CONSTANTS:
-                self.document.fail(("parameters", name), f"{name} is known already: take another name")
+                self.document.fail(("parameters", name), f"{name} is a constant: choose another name")
             try:
-                names[name] = evaluate(values.get(name, value), names)
+                numbers[name] = evaluate(values.get(name, value), numbers)
             except DescriptionError as error:
-                later = ", ".join(
-                    other for other in told if other not in names and re.search(rf"\b{other}\b", str(value))
-                )
-                hint = f". A parameter may refer to those above it only, not to {later}" if later else ""
+                below = [key for key in parameters if key not in numbers and re.search(rf"\b{key}\b", str(value))]
+                hint = f". A parameter may refer only to those above it, not to {', '.join(below)}" if below else ""
                 self.document.fail(("parameters", name), f"{error}{hint}")
-        return names
+        return numbers
 
-    def with_values(self, values, path):
-        """The same with other values, {name: number or expression}, which stand at a path, for some parameters."""
-        told = self.document.data.get("parameters", {})
+    def _check_parameter_names(self, values: Mapping[str, float | str], parameters: YamlMapping) -> None:
+        """Raise DescriptionError where values have names that are not parameters."""
         for name in values:
-            if name not in told:
-                self.document.fail((*path, name), f"value given for {describe_unknown_name('parameter', name, told)}")
-        return YamlEvaluator(self.document, {**self.values, **values}) if values else self
+            if name not in parameters:
+                unknown = describe_unknown_name("parameter", name, parameters)
+                self.document.fail(("parameters",), f"value given for {unknown}")
 
-    def number(self, mapping, key, path, default=0.0):
-        """The number under a key of the mapping that stands at a path."""
+    def with_values(self, values: Mapping[str, float | str], path: YamlPath) -> YamlEvaluator:
+        """Return an evaluator with other values of some parameters; the values stand at a path of the document."""
+        parameters = self.document.data.get("parameters", {})
+        for name in values:
+            if name not in parameters:
+                unknown = describe_unknown_name("parameter", name, parameters)
+                self.document.fail((*path, name), f"value given for {unknown}")
+        return YamlEvaluator(self.document, {**self._values, **values}) if values else self
+
+    def number(self, mapping: YamlMapping, key: str, path: YamlPath, default: float = 0.0) -> float:
+        """Return the number under a key of the mapping at a path."""
         return self._evaluate(mapping[key], (*path, key)) if key in mapping else default
 
-    def vector(self, mapping, key, path):
-        """The three numbers (3,) under a key; zeros where it is left out."""
+    def vector(self, mapping: YamlMapping, key: str, path: YamlPath) -> Array:
+        """Return the three numbers (3,) under a key; zeros where it is absent."""
         return np.array([self._evaluate(value, (*path, key, k)) for k, value in enumerate(mapping.get(key, [0, 0, 0]))])
 
-    def matrix(self, mapping, key, path):
-        """The symmetric matrix (3, 3) under a key, told by its entries xx ... zz."""
-        told, path = mapping.get(key, {}), (*path, key)
-        return symmetric_matrix(*(self.number(told, entry, path) for entry in INERTIA_ENTRIES))
+    def matrix(self, mapping: YamlMapping, key: str, path: YamlPath) -> ScalarArray:
+        """Return the symmetric matrix (3, 3) under a key, which has the entries xx to zz."""
+        entries = mapping.get(key, {})
+        return symmetric_matrix(*(self.number(entries, entry, (*path, key)) for entry in INERTIA_ENTRIES))
 
-    def mdh(self, mapping, path):
-        """The placement (4, 4) that the six parameters under `mdh` stand for."""
-        told, path = mapping.get("mdh", {}), (*path, "mdh")
-        numbers = MDHParameters(*(self.number(told, key, path) for key in MDHParameters._fields))
+    def mdh(self, mapping: YamlMapping, path: YamlPath) -> Array:
+        """Return the placement (4, 4) of the six parameters under `mdh`."""
+        entries = mapping.get("mdh", {})
+        entries_path = (*path, "mdh")
+        parameters = MDHParameters(*(self.number(entries, key, entries_path) for key in MDHParameters._fields))
         for key in ("gamma", "alpha", "theta"):
-            self._check_angle(getattr(numbers, key), told.get(key), (*path, key))
-        return placement_from_mdh(numbers)
+            self._check_angle(getattr(parameters, key), entries.get(key), (*entries_path, key))
+        return placement_from_mdh(parameters)
 
-    def pose(self, mapping, path):
-        """The placement (4, 4) that `xyz` [m] and `rpy` [rad] stand for, as URDF means them."""
+    def pose(self, mapping: YamlMapping, path: YamlPath) -> Array:
+        """Return the placement (4, 4) of `xyz` [m] and `rpy` [rad], URDF's convention."""
         angles = self.vector(mapping, "rpy", path)
         for k, angle in enumerate(angles):
             self._check_angle(angle, mapping.get("rpy", angles)[k], (*path, "rpy", k))
         return placement(rotation_from_roll_pitch_yaw(*angles), self.vector(mapping, "xyz", path))
 
-    def read_placement(self, mapping, path):
-        """The placement (4, 4) that a mapping tells, by `mdh` or by `xyz` and `rpy`."""
-        twice = next((key for key in ("xyz", "rpy") if key in mapping and "mdh" in mapping), None)
-        if twice is not None:
-            self.document.fail((*path, twice), f"mdh and {twice} say the same twice: mdh is right, or xyz and rpy")
+    def read_placement(self, mapping: YamlMapping, path: YamlPath) -> Array:
+        """Return the placement (4, 4) of a mapping with `mdh`, or with `xyz` and `rpy`."""
+        duplicate = next((key for key in ("xyz", "rpy") if key in mapping and "mdh" in mapping), None)
+        if duplicate is not None:
+            self.document.fail(
+                (*path, duplicate), f"mdh and {duplicate} exclude each other: give mdh, or give xyz and rpy"
+            )
         return self.mdh(mapping, path) if "mdh" in mapping else self.pose(mapping, path)
 
-    def _check_angle(self, angle, told, path):
-        """Refuse an angle [rad] that looks like degrees; one that is told by pi, or made radians of, is none."""
-        in_radians = re.search(r"\b(pi|radians)\b", str(told)) is not None
-        if not in_radians and abs(angle) > 2 * math.pi + 1e-9:
+    def _check_angle(self, angle: float, expression: object, path: YamlPath) -> None:
+        """Raise DescriptionError for an angle [rad] that looks like degrees; its expression has no pi or radians()."""
+        is_in_radians = re.search(r"\b(pi|radians)\b", str(expression)) is not None
+        if not is_in_radians and abs(angle) > 2 * math.pi + 1e-9:
             self.document.fail(path, f"{angle:g} rad is more than a turn. Angles are in radians: radians({angle:g})")
 
-    def _evaluate(self, value, path):
+    def _evaluate(self, value: object, path: YamlPath) -> float:
+        """Return the number of an expression at a path."""
         try:
-            return evaluate(value, self.names)
+            return evaluate(value, self._names)
         except DescriptionError as error:
             self.document.fail(path, str(error))

@@ -1,58 +1,90 @@
-"""What a YAML description tells of a joint beside its place: role, spring, friction, limits."""
+"""Joints of a YAML description: role, spring, friction and limits."""
 
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.joint import Joint, Limits, Spring, check_joint
+from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
+from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring, check_joint
 
-NUMBER_KEYS = ("rotor_inertia", "viscous_friction", "coulomb_friction", "initial_position")
+
+class RoleConflict(NamedTuple):
+    """A contradiction between the role and the spring of a joint: the key of the entry that is wrong, and a message."""
+
+    key: str
+    message: str
 
 
-def read_joint(numbers, told, path, number, **known):
-    """The Joint that moves link `number`, of the mapping at a path of the document of YamlNumbers.
-
-    known: what Joint takes and the mapping does not tell under the same name.
-    """
-    limits = {key: numbers.number(told["limits"], key, (*path, "limits")) for key in told.get("limits", {})}
-    plain = {key: numbers.number(told, key, path) for key in NUMBER_KEYS}
-    joint = Joint(name=told["joint"], limits=Limits(**limits), brake=told.get("brake", False), **plain, **known)
+def read_joint(
+    evaluator: YamlEvaluator,
+    mapping: YamlMapping,
+    path: YamlPath,
+    number: int,
+    *,
+    antecedent: int,
+    prismatic: bool,
+    placement: ScalarArray,
+    actuated: bool,
+    spring: Spring | None,
+    mimic: Mimic | None = None,
+) -> Joint:
+    """Return the joint that moves link `number`, from the mapping at a path; the keywords are attributes of Joint."""
+    joint = Joint(
+        name=mapping["joint"],
+        antecedent=antecedent,
+        prismatic=prismatic,
+        placement=placement,
+        rotor_inertia=evaluator.number(mapping, "rotor_inertia", path),
+        viscous_friction=evaluator.number(mapping, "viscous_friction", path),
+        coulomb_friction=evaluator.number(mapping, "coulomb_friction", path),
+        limits=read_limits(evaluator, mapping.get("limits", {}), (*path, "limits")),
+        mimic=mimic,
+        actuated=actuated,
+        spring=spring,
+        initial_position=evaluator.number(mapping, "initial_position", path),
+        brake=mapping.get("brake", False),
+    )
     try:
         check_joint(number, joint)
     except DescriptionError as error:
-        numbers.document.fail(path, str(error))
+        evaluator.document.fail(path, str(error))
     return joint
 
 
-def read_spring(numbers, told, path):
-    """The Spring of a mapping at a path."""
-    return Spring(*(numbers.number(told, key, path) for key in ("stiffness", "rest", "damping")))
+def read_limits(evaluator: YamlEvaluator, mapping: YamlMapping, path: YamlPath) -> Limits:
+    """Return the limits in the mapping at a path."""
+    return Limits(**{key: evaluator.number(mapping, key, path) for key in mapping})
 
 
-def find_role_conflict(role, spring, follows=False):
-    """(role or spring, what is wrong with it) of a role, None where it is not told, and a Spring or None; else None.
+def read_spring(evaluator: YamlEvaluator, mapping: YamlMapping, path: YamlPath) -> Spring:
+    """Return the spring in the mapping at a path."""
+    return Spring(*(evaluator.number(mapping, key, path) for key in ("stiffness", "rest", "damping")))
 
-    follows: whether the joint follows another one.
-    """
-    if spring is not None and role is None and not follows:
-        return (
+
+def find_role_conflict(role: str | None, spring: Spring | None, is_mimic: bool = False) -> RoleConflict | None:
+    """Return the contradiction between the role of a joint, None where it is absent, and its spring; None if none."""
+    if spring is not None and role is None and not is_mimic:
+        return RoleConflict(
             "spring",
-            "role missing: elastic (the spring alone holds the joint) or actuated (a motor stands beside it)",
+            "role missing: elastic (the spring alone holds the joint) or actuated (a motor acts in parallel)",
         )
     if role == "elastic" and spring is None:
-        return "role", "an elastic joint needs a spring: {stiffness: ...}"
+        return RoleConflict("role", "an elastic joint needs a spring: {stiffness: ...}")
     if role == "passive" and spring is not None:
-        return "role", "a passive joint that has a spring is elastic"
-    if role is not None and follows:
-        return "role", "a joint that follows another one has no role of its own: leave it out"
+        return RoleConflict("role", "a passive joint with a spring is elastic")
+    if role is not None and is_mimic:
+        return RoleConflict("role", "a mimic joint has no role of its own: omit role")
     return None
 
 
-def describe_unknown_link(name, known, joints, links):
-    """Say that there is no link or frame `name` among the `known`; a joint leads to the link that it moves.
+def describe_unknown_link(name: str, known: Iterable[str], joints: Sequence[Joint], links: Sequence[str]) -> str:
+    """Return a message that no link or frame has this name; the name of a joint leads to the link that it moves.
 
-    joints: the Joints; links: names of all links, the base first.
+    known: valid names; joints: the joints; links: names of all links, the base first.
     """
     moved = {joint.name: link for joint, link in zip(joints, links[1:], strict=True)}
-    return (
-        describe_unknown_name("link", name, known)
-        if name not in moved
-        else f"{name!r} is a joint: it moves {moved[name]!r}"
-    )
+    if name in moved:
+        return f"{name!r} is a joint: it moves {moved[name]!r}"
+    return describe_unknown_name("link", name, known)

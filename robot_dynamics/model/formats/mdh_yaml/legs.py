@@ -1,119 +1,145 @@
-"""The legs of a parallel robot in a YAML description: chains that are written once and stand there in copies.
+"""Legs of a parallel robot in a YAML description: chains that are written once and placed several times, as copies.
 
     legs:
-      - joints: [...]                                  # rows; the first hangs on the base of the copy
-        end: {joint: ball, type: spherical}            # how the last row meets the platform
+      - joints: [...]                                  # rows; the first is placed in the base of the copy
+        end: {joint: ball, type: spherical}            # joint between the last row and the platform
         copies:
           - {base: {xyz: [1, 0, 0]}, platform: {xyz: [0.5, 0, 0]}}
           - {base: {xyz: [-1, 0, 0]}, platform: {xyz: [-0.5, 0, 0]}}
 
-Each copy becomes rows and loops as others are, with a suffix to the names of its joints, links and loops. Where there
-are many platforms, each copy says which one it meets, platform: {antecedent: upper, ...}, and begins on what that one
-stands on.
+Each copy becomes ordinary rows and loops, with a suffix at the names of its joints, links and loops. Where there are
+several platforms, each copy names its own, platform: {antecedent: upper, ...}, and begins on the base of that platform.
 """
 
 from typing import NamedTuple
 
 from robot_dynamics.errors import describe_unknown_name
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
+from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.loops import LoopDescription
 from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms
 
 
 class LegCopy(NamedTuple):
-    """One leg, told as if it stood there alone.
+    """One leg, as if it were described alone.
 
-    numbers: YamlNumbers that know the copy's own parameters; base: (mapping, path) of the frame that its first row
-    hangs on; rows: (mapping, path) of each row; loops: ToldLoops within it, and those by which it meets the platform.
+    Attributes
+    ----------
+    evaluator : YamlEvaluator
+        Evaluator with the parameters of the copy.
+    base : YamlPart
+        The frame in which its first row is placed.
+    rows : list of YamlPart
+        Its rows.
+    loops : list of LoopDescription
+        Loops within the leg, and those that close it on the platform.
     """
 
-    evaluator: object
-    base: tuple
-    rows: list
-    loops: list
+    evaluator: YamlEvaluator
+    base: YamlPart
+    rows: list[YamlPart]
+    loops: list[LoopDescription]
 
 
-def expand_legs(evaluator):
-    """The LegCopies of the document of YamlNumbers, in their order; it may have none. Raises DescriptionError."""
+def expand_legs(evaluator: YamlEvaluator) -> list[LegCopy]:
+    """Return the copies of all legs of the document of an evaluator, in their order."""
     document = evaluator.document
-    legs, platforms = document.data.get("legs", []), {told["link"]: told for told, _ in list_platforms(document)}
+    legs = document.data.get("legs", [])
+    platforms = {mapping["link"]: mapping for mapping, _ in list_platforms(document)}
     if legs and not platforms:
-        document.fail(("legs",), "platform missing: the link that the legs meet, platform: {link: ..., mass: ...}")
-    found = []
+        document.fail(("legs",), "platform missing: the link that the legs hold, platform: {link: ..., mass: ...}")
+    copies = []
     for number, leg in enumerate(legs):
         path = ("legs", number)
         if ("end" in leg) == ("ends" in leg):
-            document.fail(path, "how the leg meets the platform is told once: by end, or by ends where it is in many")
-        suffixes = []
-        for place, told in enumerate(leg["copies"]):
-            suffixes.append(told.get("suffix", f"_{place + 1}"))
-            if suffixes[-1] in suffixes[:-1]:
-                here = (*path, "copies", place, "suffix")
-                document.fail(here, f"suffix {suffixes[-1]!r} is there already: suffixes of copies must differ")
-            met = _met(document, platforms, told.get("platform", {}), (*path, "copies", place))
-            found.append(_copy(evaluator, leg, path, place, suffixes[-1], platforms[met]))
-    return found
+            document.fail(path, "either end is needed, or ends for a leg with several joints at the platform")
+        suffixes: list[str] = []
+        for place, copy in enumerate(leg["copies"]):
+            copy_path = (*path, "copies", place)
+            suffix = copy.get("suffix", f"_{place + 1}")
+            if suffix in suffixes:
+                document.fail((*copy_path, "suffix"), f"suffix {suffix!r} is already used: suffixes must be unique")
+            suffixes.append(suffix)
+            platform = _find_platform(document, platforms, copy.get("platform", {}), copy_path)
+            copies.append(_expand_copy(evaluator, YamlPart(leg, path), YamlPart(copy, copy_path), suffix, platform))
+    return copies
 
 
-def _met(document, platforms, told, path):
-    """The link of the platform that a copy meets, where `told` places its end."""
-    if "antecedent" not in told and len(platforms) > 1:
+def _find_platform(
+    document: YamlDocument, platforms: dict[str, YamlMapping], mapping: YamlMapping, path: YamlPath
+) -> YamlMapping:
+    """Return the mapping of the platform that the mapping `platform` of the copy at a path names."""
+    if "antecedent" not in mapping and len(platforms) > 1:
         names = ", ".join(platforms)
-        document.fail(
-            path, f"there are many platforms ({names}): platform: {{antecedent: ...}} says which the leg meets"
-        )
-    name = told.get("antecedent", next(iter(platforms)))
+        document.fail(path, f"there are several platforms ({names}): name one of them, platform: {{antecedent: ...}}")
+    name = mapping.get("antecedent", next(iter(platforms)))
     if name not in platforms:
         document.fail((*path, "platform", "antecedent"), describe_unknown_name("platform", name, platforms))
-    return name
+    return platforms[name]
 
 
-def _copy(evaluator, leg, path, place, suffix, platform):
-    told, at = leg["copies"][place], (*path, "copies", place)
-    evaluator = evaluator.with_values(told.get("parameters", {}), (*at, "parameters"))
-    rename = _Renamed(leg, suffix)
-    rows = [(rename.row(row), (*path, "joints", k)) for k, row in enumerate(leg["joints"])]
+def _expand_copy(
+    evaluator: YamlEvaluator, leg: YamlPart, copy: YamlPart, suffix: str, platform: YamlMapping
+) -> LegCopy:
+    """Return a copy of a leg that holds a platform."""
+    evaluator = evaluator.with_values(copy.mapping.get("parameters", {}), (*copy.path, "parameters"))
+    renamer = _Renamer(leg.mapping, suffix)
+    rows = [
+        YamlPart(renamer.rename_row(row), (*leg.path, "joints", number))
+        for number, row in enumerate(leg.mapping["joints"])
+    ]
     loops = []
-    for number, loop in enumerate(leg.get("loops", [])):
-        here = (*path, "loops", number)
-        ends = (((rename.placed(loop[key]), (*here, key)),) for key in ("moved", "closed_on"))
-        loops.append(LoopDescription(rename.named(loop), here, evaluator, *ends))
-    last = rows[-1][0]["link"]
-    met = {"antecedent": platform["link"], **told.get("platform", {})}, (*at, "platform")
-    for end, here in _ends(leg, path):
-        moved = {"antecedent": last, **rename.placed(end.get("moved", {}))}, (*here, "moved")
-        closed_on = end.get("closed_on", {}), (*here, "closed_on")
-        loops.append(LoopDescription(rename.named(end), here, evaluator, (moved,), (met, closed_on)))
-    stands = {"antecedent": platform["base"]} if "base" in platform else {}
-    return LegCopy(evaluator, ({**stands, **told.get("base", {})}, (*at, "base")), rows, loops)
+    for number, loop in enumerate(leg.mapping.get("loops", [])):
+        path = (*leg.path, "loops", number)
+        moved = YamlPart(renamer.rename_antecedent(loop["moved"]), (*path, "moved"))
+        closed_on = YamlPart(renamer.rename_antecedent(loop["closed_on"]), (*path, "closed_on"))
+        loops.append(LoopDescription(renamer.rename_joint(loop), path, evaluator, (moved,), (closed_on,)))
+    last_link = rows[-1].mapping["link"]
+    on_platform = YamlPart(
+        {"antecedent": platform["link"], **copy.mapping.get("platform", {})}, (*copy.path, "platform")
+    )
+    for end, path in _leg_ends(leg):
+        moved_mapping = {"antecedent": last_link, **renamer.rename_antecedent(end.get("moved", {}))}
+        moved = YamlPart(moved_mapping, (*path, "moved"))
+        closed_on = YamlPart(end.get("closed_on", {}), (*path, "closed_on"))
+        description = LoopDescription(renamer.rename_joint(end), path, evaluator, (moved,), (on_platform, closed_on))
+        loops.append(description)
+    default_base = {"antecedent": platform["base"]} if "base" in platform else {}
+    base = YamlPart({**default_base, **copy.mapping.get("base", {})}, (*copy.path, "base"))
+    return LegCopy(evaluator, base, rows, loops)
 
 
-def _ends(leg, path):
-    """(mapping, path) of each end of a leg."""
-    if "end" in leg:
-        return [(leg["end"], (*path, "end"))]
-    return [(end, (*path, "ends", number)) for number, end in enumerate(leg["ends"])]
+def _leg_ends(leg: YamlPart) -> list[YamlPart]:
+    """Return the joints between a leg and its platform."""
+    if "end" in leg.mapping:
+        return [YamlPart(leg.mapping["end"], (*leg.path, "end"))]
+    return [YamlPart(end, (*leg.path, "ends", number)) for number, end in enumerate(leg.mapping["ends"])]
 
 
-class _Renamed:
-    """Mappings of a leg with the suffix of a copy at the names that the leg gives, and no other."""
+class _Renamer:
+    """Adds the suffix of a copy to the names that a leg defines, and to no others."""
 
-    def __init__(self, leg, suffix):
-        self.suffix = suffix
-        told = [*leg["joints"], *leg.get("loops", []), *(end for end, _ in _ends(leg, ()))]
-        self.links, self.joints = ({one[key] for one in told if key in one} for key in ("link", "joint"))
+    def __init__(self, leg: YamlMapping, suffix: str) -> None:
+        self._suffix = suffix
+        ends = [end.mapping for end in _leg_ends(YamlPart(leg, ()))]
+        mappings = [*leg["joints"], *leg.get("loops", []), *ends]
+        self._links = {mapping["link"] for mapping in mappings if "link" in mapping}
+        self._joints = {mapping["joint"] for mapping in mappings if "joint" in mapping}
 
-    def row(self, row):
-        row = self.placed(self.named(row))
-        if "mimic" in row and row["mimic"]["joint"] in self.joints:
-            row["mimic"] = {**row["mimic"], "joint": row["mimic"]["joint"] + self.suffix}
+    def rename_row(self, row: YamlMapping) -> YamlMapping:
+        """Return a row with new names."""
+        row = self.rename_antecedent(self.rename_joint(row))
+        if "mimic" in row and row["mimic"]["joint"] in self._joints:
+            row["mimic"] = {**row["mimic"], "joint": row["mimic"]["joint"] + self._suffix}
         return row
 
-    def named(self, told):
-        """With other names of the joint and of the link that it moves."""
-        return {**told, **{key: told[key] + self.suffix for key in ("joint", "link") if key in told}}
+    def rename_joint(self, mapping: YamlMapping) -> YamlMapping:
+        """Return a mapping with new names of the joint and of the link that it moves."""
+        names: YamlMapping = {key: mapping[key] + self._suffix for key in ("joint", "link") if key in mapping}
+        return {**mapping, **names}
 
-    def placed(self, told):
-        """With another name of the antecedent, where it is a link of the leg."""
-        return (
-            {**told, "antecedent": told["antecedent"] + self.suffix} if told.get("antecedent") in self.links else told
-        )
+    def rename_antecedent(self, mapping: YamlMapping) -> YamlMapping:
+        """Return a mapping with a new name of the antecedent, where that is a link of the leg."""
+        if mapping.get("antecedent") not in self._links:
+            return mapping
+        return {**mapping, "antecedent": mapping["antecedent"] + self._suffix}

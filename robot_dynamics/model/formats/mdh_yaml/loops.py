@@ -1,18 +1,22 @@
-"""The loops of a YAML description: the joint at which each is cut, and the two frames that meet there.
+"""Loops of a YAML description: the joint at which each loop is cut, and the two frames that coincide there.
 
     loops:
       - joint: knee
         moved: {antecedent: rod, mdh: {d: l}}           # frame k: these parameters, then the joint variable
         closed_on: {antecedent: crank, xyz: [r, 0, 0]}  # frame k+B, fixed
 
-A joint that turns or slides is added to the tree, with a link without inertia that it moves (Khalil, section 2.2).
+A revolute or prismatic cut joint becomes a joint of the tree, with a link without inertia (Khalil, section 2.2).
 """
 
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
+from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.joints import (
     describe_unknown_link,
     find_role_conflict,
@@ -27,10 +31,16 @@ JOINT_KEYS = ("link", "role", "spring", "viscous_friction", "coulomb_friction", 
 
 
 class CutLoops(NamedTuple):
-    """What loops add to a tree.
+    """The parts that loops add to a tree, numbered after those of the tree.
 
-    loops: the Loops; joints: those that turn or slide where the loops are cut; links: names of the links that these
-    move, which have no inertia. They are numbered on from those of the tree.
+    Attributes
+    ----------
+    loops : tuple of Loop
+        The loops.
+    joints : list of Joint
+        Revolute and prismatic cut joints.
+    links : list of str
+        Names of the links that these joints move, which have no inertia.
     """
 
     loops: tuple[Loop, ...]
@@ -39,119 +49,166 @@ class CutLoops(NamedTuple):
 
 
 class LoopDescription(NamedTuple):
-    """A loop as it is told.
+    """A loop as the document describes it.
 
-    told: its mapping; path: where it stands; numbers: YamlNumbers that know what its expressions come to; moved,
-    closed_on: the placements that lead to the frames at its ends, each (mapping, path), the first in its antecedent,
-    the next in the frame that this makes.
+    Attributes
+    ----------
+    mapping : dict
+        Its mapping.
+    path : tuple
+        The path of the mapping.
+    evaluator : YamlEvaluator
+        Evaluator of its expressions.
+    moved, closed_on : tuple of YamlPart
+        Placements that lead to the frames at its ends: the first in its antecedent, each next one in the frame before.
     """
 
-    told: dict
-    path: tuple
-    evaluator: object
-    moved: tuple
-    closed_on: tuple
+    mapping: YamlMapping
+    path: YamlPath
+    evaluator: YamlEvaluator
+    moved: tuple[YamlPart, ...]
+    closed_on: tuple[YamlPart, ...]
 
 
-def list_loops(evaluator):
-    """The ToldLoops in `loops` of the document of YamlNumbers; it may have none."""
-    found = []
-    for number, told in enumerate(evaluator.document.data.get("loops", [])):
+def list_loops(evaluator: YamlEvaluator) -> list[LoopDescription]:
+    """Return the loops in the list `loops` of the document of an evaluator."""
+    loops = []
+    for number, mapping in enumerate(evaluator.document.data.get("loops", [])):
         path = ("loops", number)
-        ends = (((told[key], (*path, key)),) for key in ("moved", "closed_on"))
-        found.append(LoopDescription(told, path, evaluator, *ends))
-    return found
+        moved = YamlPart(mapping["moved"], (*path, "moved"))
+        closed_on = YamlPart(mapping["closed_on"], (*path, "closed_on"))
+        loops.append(LoopDescription(mapping, path, evaluator, (moved,), (closed_on,)))
+    return loops
 
 
-def read_loops(document, loops, joints, links, placed):
-    """The Cuts of ToldLoops of a document.
+def read_loops(
+    document: YamlDocument,
+    loops: Sequence[LoopDescription],
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    poses: Mapping[str, tuple[int, ScalarArray]],
+) -> CutLoops:
+    """Return the parts that the loops of a document add to a tree.
 
-    joints, links: the Joints of the tree and the names of its links, the base first; placed: {name: (number of the
-    link, placement (4, 4) in its frame)} of all links and frames. Raises DescriptionError.
+    Parameters
+    ----------
+    document : YamlDocument
+        The document.
+    loops : sequence of LoopDescription
+        The loops.
+    joints : sequence of Joint
+        Joints of the tree.
+    links : sequence of str
+        Names of its links, the base first.
+    poses : mapping of str to (int, (4, 4) array)
+        For each link and frame by name: number of the link, and placement in the frame of the link.
     """
-    return _Reader(document, loops, joints, links, placed).read()
+    return _Reader(document, loops, joints, links, poses).read()
 
 
 class _Reader:
-    """Walks the loops in their order; a loop may end on the links of those before it."""
+    """Reads the loops in their order; a loop may end on the cut links of the loops before it."""
 
-    def __init__(self, document, loops, joints, links, placed):
-        self.document, self.told = document, loops
-        self.tree = len(joints)
-        self.joints, self.links, self.placed = list(joints), list(links), dict(placed)
-        self.joint_names = {joint.name for joint in joints}
+    def __init__(
+        self,
+        document: YamlDocument,
+        loops: Sequence[LoopDescription],
+        joints: Sequence[Joint],
+        links: Sequence[str],
+        poses: Mapping[str, tuple[int, ScalarArray]],
+    ) -> None:
+        self._document = document
+        self._loops = loops
+        self._tree_joint_count = len(joints)
+        self._joints = list(joints)
+        self._links = list(links)
+        self._poses = dict(poses)
+        self._joint_names = {joint.name for joint in joints}
         frames = document.data.get("frames", [])
-        self.later = {frame["frame"] for frame in frames}
-        others = (*(loop.told for loop in loops), *frames)
-        self.taken = {*placed, *self.later, *(told.get("link") for told in others)}
+        self._later_frames = {frame["frame"] for frame in frames}
+        mappings = (*(loop.mapping for loop in loops), *frames)
+        self._taken = {*poses, *self._later_frames, *(mapping.get("link") for mapping in mappings)}
 
-    def read(self):
-        loops = {}
-        for loop in self.told:
-            name = loop.told["joint"]
+    def read(self) -> CutLoops:
+        """Return the parts that the loops add to the tree."""
+        loops: dict[str, Loop] = {}
+        for loop in self._loops:
+            name = loop.mapping["joint"]
             if name in loops:
-                self.document.fail((*loop.path, "joint"), f"loop {name!r} is there already: names must differ")
-            self.evaluator = loop.evaluator
-            loops[name] = self._loop(loop)
-        return CutLoops(tuple(loops.values()), self.joints[self.tree :], self.links[self.tree + 1 :])
+                message = f"loop {name!r} is already defined: names must be unique"
+                self._document.fail((*loop.path, "joint"), message)
+            loops[name] = self._read_loop(loop)
+        count = self._tree_joint_count
+        return CutLoops(tuple(loops.values()), self._joints[count:], self._links[count + 1 :])
 
-    def _loop(self, loop):
-        told, path = loop.told, loop.path
-        kind = told.get("type", "revolute")
+    def _read_loop(self, loop: LoopDescription) -> Loop:
+        """Return the Loop of a description, and add its cut joint to the tree."""
+        kind = loop.mapping.get("type", "revolute")
         if kind in ("fixed", "spherical"):
             for key in JOINT_KEYS:
-                if key in told:
-                    self.document.fail((*path, key), f"a loop of type {kind} has no joint variable: leave out {key}")
-            moved = self._end(loop.moved)
+                if key in loop.mapping:
+                    self._document.fail((*loop.path, key), f"a loop of type {kind} has no joint variable: omit {key}")
+            moved = self._read_end(loop.moved, loop.evaluator)
         else:
-            moved = self._cut(told, path, loop.moved)
-        closed_on = self._end(loop.closed_on)
-        found = Loop(told["joint"], moved, closed_on, is_spherical=kind == "spherical")
+            moved = self._cut(loop)
+        closed_on = self._read_end(loop.closed_on, loop.evaluator)
+        closed_loop = Loop(loop.mapping["joint"], moved, closed_on, is_spherical=kind == "spherical")
         try:
-            check_loop(found, len(self.links))
+            check_loop(closed_loop, len(self._links))
         except DescriptionError as error:
-            self.document.fail(path, str(error))
-        return found
+            self._document.fail(loop.path, str(error))
+        return closed_loop
 
-    def _cut(self, told, path, moved):
-        """The End at the joint of a loop, which is added to the tree with its link."""
-        name = told["joint"]
-        if name in self.joint_names:
-            self.document.fail((*path, "joint"), f"joint {name!r} is there already: names must differ")
-        self.joint_names.add(name)
-        if told.get("role") == "actuated":
-            self.document.fail(
+    def _cut(self, loop: LoopDescription) -> LoopEnd:
+        """Add the cut joint of a loop and its link to the tree, and return the frame of this link."""
+        mapping, path, evaluator = loop.mapping, loop.path, loop.evaluator
+        name = mapping["joint"]
+        if name in self._joint_names:
+            self._document.fail((*path, "joint"), f"joint {name!r} is already defined: names must be unique")
+        self._joint_names.add(name)
+        if mapping.get("role") == "actuated":
+            self._document.fail(
                 (*path, "role"),
-                f"no motor can drive joint {name!r}, where the loop is cut: cut the loop at another joint, one without "
-                "motor, and describe this one where the other was",
+                f"joint {name!r} cannot be actuated, because the loop is cut there: cut the loop at an unactuated "
+                "joint, and describe this one in its place",
             )
-        spring = read_spring(self.evaluator, told["spring"], (*path, "spring")) if "spring" in told else None
-        if spring is not None and "role" not in told:
-            self.document.fail((*path, "spring"), "role missing: elastic (the spring alone holds the joint)")
-        if objection := find_role_conflict(told.get("role"), spring):
-            self.document.fail((*path, objection[0]), objection[1])
-        antecedent, placement = self._end(moved)
-        known = {"antecedent": antecedent, "placement": placement, "prismatic": told.get("type") == "prismatic"}
-        number = len(self.links)
-        self.joints.append(read_joint(self.evaluator, told, path, number, spring=spring, actuated=False, **known))
-        link = told.get("link") or make_unique_name(f"{name}_link", self.taken)
-        if link in self.placed:
-            self.document.fail((*path, "link"), f"link or frame {link!r} is there already: names must differ")
-        self.taken.add(link)
-        self.links.append(link)
-        self.placed[link] = (number, np.eye(4))
+        spring = read_spring(evaluator, mapping["spring"], (*path, "spring")) if "spring" in mapping else None
+        if spring is not None and "role" not in mapping:
+            self._document.fail((*path, "spring"), "role missing: elastic (the spring alone holds the joint)")
+        if conflict := find_role_conflict(mapping.get("role"), spring):
+            self._document.fail((*path, conflict.key), conflict.message)
+        end = self._read_end(loop.moved, evaluator)
+        number = len(self._links)
+        joint = read_joint(
+            evaluator,
+            mapping,
+            path,
+            number,
+            antecedent=end.link,
+            prismatic=mapping.get("type") == "prismatic",
+            placement=end.placement,
+            actuated=False,
+            spring=spring,
+        )
+        self._joints.append(joint)
+        link = mapping.get("link") or make_unique_name(f"{name}_link", self._taken)
+        if link in self._poses:
+            self._document.fail((*path, "link"), f"link or frame {link!r} is already defined: names must be unique")
+        self._taken.add(link)
+        self._links.append(link)
+        self._poses[link] = (number, np.eye(4))
         return LoopEnd(number, np.eye(4))
 
-    def _end(self, places):
-        """The End at a frame that placements, told by mdh or by xyz and rpy, lead to from their antecedent."""
-        first, path = places[0]
+    def _read_end(self, parts: Sequence[YamlPart], evaluator: YamlEvaluator) -> LoopEnd:
+        """Return the frame to which placements, by mdh or by xyz and rpy, lead from the antecedent of the first."""
+        first, path = parts[0]
         name = first["antecedent"]
-        if name not in self.placed:
-            hint = describe_unknown_link(name, self.placed, self.joints, self.links)
-            if name in self.later:
-                hint = f"frame {name!r} is placed after the loops: its link is right, with the xyz and rpy of the frame"
-            self.document.fail((*path, "antecedent"), hint)
-        link, frame = self.placed[name]
-        for told, path in places:
-            frame = frame @ self.evaluator.read_placement(told, path)
+        if name not in self._poses:
+            hint = describe_unknown_link(name, self._poses, self._joints, self._links)
+            if name in self._later_frames:
+                hint = f"frame {name!r} is defined after the loops: give its link, with the xyz and rpy of the frame"
+            self._document.fail((*path, "antecedent"), hint)
+        link, frame = self._poses[name]
+        for mapping, mapping_path in parts:
+            frame = frame @ evaluator.read_placement(mapping, mapping_path)
         return LoopEnd(link, frame)

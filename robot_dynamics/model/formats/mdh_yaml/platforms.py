@@ -1,88 +1,112 @@
-"""The platform of a parallel robot in a YAML description: a body that hangs on nothing but legs and loops,
+"""Platforms in a YAML description. A platform is a body that only legs and loops hold,
 
     platform: {link: platform, mass: 5, central_inertia: {...}, free: [x, y, z], initial: {xyz: [0, 0, -0.5]}}
 
-or, as descriptions are written that tell every joint, a link at the end of six joints that have rows:
+or, where the description has rows for all joints, a link at the end of six joints:
 
     platform: {link: platform, coordinates: [platform_x, ..., platform_roll], free: [x, y, z]}
 
-Where parallel modules stand on each other each has its own, and says on which link or fixed row it stands:
+Where parallel modules stand on each other, each has its own platform, with the link or fixed row on which it stands:
 
     platforms: [{link: lower, ...}, {link: upper, base: lower, ...}]
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.mdh_yaml.joints import describe_unknown_link
-from robot_dynamics.model.joint import Limits, check_joint
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
+from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.formats.mdh_yaml.joints import describe_unknown_link, read_limits
+from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.joint import Joint, check_joint
 from robot_dynamics.model.placement import roll_pitch_yaw
 from robot_dynamics.model.platform import COORDINATES, Platform, make_coordinate_joints
 
 BODY_KEYS = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia", "initial", "limits")
 
 
-def list_platforms(document):
-    """(mapping, path) of each platform of a document, in their order. Raises DescriptionError."""
-    one, many = document.data.get("platform"), document.data.get("platforms", [])
-    if one is None:
-        return [(told, ("platforms", number)) for number, told in enumerate(many)]
-    if many:
-        document.fail(("platform",), "platforms are told in one list: put this one among platforms")
-    return [(one, ("platform",))]
+def list_platforms(document: YamlDocument) -> list[YamlPart]:
+    """Return the mappings of the platforms of a document, in their order."""
+    single = document.data.get("platform")
+    several = document.data.get("platforms", [])
+    if single is None:
+        return [YamlPart(mapping, ("platforms", number)) for number, mapping in enumerate(several)]
+    if several:
+        document.fail(("platform",), "platform and platforms exclude each other: add this one to platforms")
+    return [YamlPart(single, ("platform",))]
 
 
-def read_coordinate_joints(numbers, told, path, first, base):
-    """The six Joints of a platform that is described as a body, by the mapping at a path of the document of
-    YamlNumbers. first, base: as `coordinate_joints` takes them.
+def read_coordinate_joints(
+    evaluator: YamlEvaluator, mapping: YamlMapping, path: YamlPath, first: int, base: tuple[int, ScalarArray]
+) -> list[Joint]:
+    """Return the six joints of a platform that the mapping at a path describes as a body.
 
-    Raises DescriptionError.
+    first, base: as for `make_coordinate_joints`.
     """
-    initial = numbers.read_placement(told.get("initial", {}), (*path, "initial"))
+    initial = evaluator.read_placement(mapping.get("initial", {}), (*path, "initial"))
     start = [*map(float, initial[:3, 3]), *reversed(roll_pitch_yaw(initial[:3, :3]))]
-    joints = []
-    for joint in make_coordinate_joints(told["link"], first, start, base):
-        coordinate = COORDINATES[len(joints)]
-        limits, here = told.get("limits", {}).get(coordinate, {}), (*path, "limits", coordinate)
-        limits = Limits(**{key: numbers.number(limits, key, here) for key in limits})
-        joints.append(replace(joint, limits=limits))
+    joints: list[Joint] = []
+    for coordinate, joint in zip(COORDINATES, make_coordinate_joints(mapping["link"], first, start, base), strict=True):
+        limits = mapping.get("limits", {}).get(coordinate, {})
+        limits_path = (*path, "limits", coordinate)
+        joints.append(replace(joint, limits=read_limits(evaluator, limits, limits_path)))
         try:
             check_joint(first + len(joints) - 1, joints[-1])
         except DescriptionError as error:
-            numbers.document.fail(here, str(error))
+            evaluator.document.fail(limits_path, str(error))
     return joints
 
 
-def read_platforms(document, joints, links, inertias, bends=False):
-    """The Platforms of a document.
+def read_platforms(
+    document: YamlDocument,
+    joints: Sequence[Joint],
+    links: Sequence[str],
+    inertias: Sequence[Inertia],
+    has_beams: bool = False,
+) -> tuple[Platform, ...]:
+    """Return the platforms of a document.
 
-    joints, links, inertias: the Joints of the tree, the names of all links, the base first, and their Inertias; bends:
-    whether links bend: a platform may then be a point at which they are welded, without mass. Raises DescriptionError.
+    Parameters
+    ----------
+    document : YamlDocument
+        The document.
+    joints : sequence of Joint
+        Joints of the tree.
+    links : sequence of str
+        Names of all links, the base first.
+    inertias : sequence of Inertia
+        Inertias of the links.
+    has_beams : bool
+        Whether links have beams. A platform may then be a point without mass, to which the beams are welded.
     """
-    found = []
-    for told, path in list_platforms(document):
-        name = told["link"]
+    platforms = []
+    for mapping, path in list_platforms(document):
+        name = mapping["link"]
         if name not in links[1:]:
             document.fail((*path, "link"), describe_unknown_link(name, links[1:], joints, links))
         link = links.index(name)
-        if not (bends or inertias[link].mass > 0):
-            document.fail(path, f"platform {name!r} has no inertia: mass missing, and what resists where it turns")
-        base = told.get("base", links[0])
-        coordinates = _coordinates(document, told, path, joints)
-        free = tuple(told.get("free", COORDINATES))
-        found.append(Platform(link, coordinates, free, None if base == links[0] else base))
-    return tuple(found)
+        if not (has_beams or inertias[link].mass > 0):
+            document.fail(path, f"platform {name!r} has no inertia: mass missing, and an inertia where it turns")
+        base = mapping.get("base", links[0])
+        coordinates = _coordinate_numbers(document, mapping, path, joints)
+        free = tuple(mapping.get("free", COORDINATES))
+        platforms.append(Platform(link, coordinates, free, None if base == links[0] else base))
+    return tuple(platforms)
 
 
-def _coordinates(document, told, path, joints):
-    """Numbers of the joints that are the coordinates of a platform."""
+def _coordinate_numbers(
+    document: YamlDocument, mapping: YamlMapping, path: YamlPath, joints: Sequence[Joint]
+) -> tuple[int, ...]:
+    """Return the numbers of the joints that are the coordinates of a platform."""
     numbers = {joint.name: number for number, joint in enumerate(joints)}
-    if "coordinates" not in told:
-        return tuple(numbers[f"{told['link']}_{coordinate}"] for coordinate in COORDINATES)
+    if "coordinates" not in mapping:
+        return tuple(numbers[f"{mapping['link']}_{coordinate}"] for coordinate in COORDINATES)
     for key in BODY_KEYS:
-        if key in told:
-            document.fail((*path, key), f"the rows of the joints that are its coordinates tell {key}: leave it out")
-    for place, name in enumerate(told["coordinates"]):
+        if key in mapping:
+            document.fail((*path, key), f"{key} belongs to the rows of the coordinate joints: omit it here")
+    for index, name in enumerate(mapping["coordinates"]):
         if name not in numbers:
-            document.fail((*path, "coordinates", place), describe_unknown_name("joint", name, numbers))
-    return tuple(numbers[name] for name in told["coordinates"])
+            document.fail((*path, "coordinates", index), describe_unknown_name("joint", name, numbers))
+    return tuple(numbers[name] for name in mapping["coordinates"])

@@ -1,17 +1,22 @@
-"""Robot from a YAML text: a table of modified Denavit-Hartenberg parameters, or a URDF and what it cannot say; the
-format is mdh.schema.json.
+"""Robot from a YAML text: a table of modified Denavit-Hartenberg parameters, or a URDF with supplements.
+
+mdh.schema.json defines the format.
 """
 
 import json
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 
+from robot_dynamics.array_types import ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.mdh_yaml.beams import FlexibilityReader
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, make_validator
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath, make_validator
 from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.formats.mdh_yaml.inertias import read_inertia
 from robot_dynamics.model.formats.mdh_yaml.joints import (
     describe_unknown_link,
     find_role_conflict,
@@ -19,41 +24,77 @@ from robot_dynamics.model.formats.mdh_yaml.joints import (
     read_spring,
 )
 from robot_dynamics.model.formats.mdh_yaml.legs import expand_legs
-from robot_dynamics.model.formats.mdh_yaml.loops import list_loops, read_loops
+from robot_dynamics.model.formats.mdh_yaml.loops import LoopDescription, list_loops, read_loops
 from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms, read_coordinate_joints, read_platforms
 from robot_dynamics.model.formats.mdh_yaml.supplemented_urdf import read_supplemented_urdf
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Mimic
-from robot_dynamics.model.placement import placement
+from robot_dynamics.model.joint import Joint, Mimic
+from robot_dynamics.model.loop import Loop
 from robot_dynamics.model.platform import PLATFORM_FRAME
-from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot
+from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, to_gravity_vector
 
 HINTS = {
     "a": "in modified parameters the distance along x is d, that along z is r (Craig's a and d)",
-    "dh": "classical Denavit-Hartenberg parameters are others than these: mdh, with gamma, b, alpha, d, theta, r",
-    "name": "a robot is told as `robot: name`, a joint as `joint: name`, a link as `link: name`, a frame `frame: name`",
-    "parent": "the link that a row hangs on is its antecedent",
+    "dh": "classical Denavit-Hartenberg parameters differ from these: mdh, with gamma, b, alpha, d, theta, r",
+    "name": "names are entries of their own kind: `robot: name`, `joint: name`, `link: name`, `frame: name`",
+    "parent": "the link that carries a row is its antecedent",
     "com": "centre_of_mass, or first_moments (mass times centre)",
     "center_of_mass": "centre_of_mass, or first_moments (mass times centre)",
-    "joints": "a robot has its joints here or in its urdf, which roles, springs and loops are told beside",
-    "mimic": "where a loop is cut no joint follows another: cut the loop at another joint",
+    "joints": "a robot has its joints here or in its urdf, with roles, springs and loops beside it",
+    "mimic": "a cut joint mimics no other joint: cut the loop at another joint",
 }
 SCHEMA = Path(__file__).with_name("mdh.schema.json")
-INERTIA_KEYS = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia")
 JOINT_KEYS = (
-    *("joint", "rotor_inertia", "viscous_friction", "coulomb_friction", "role", "spring", "mimic", "limits"),
-    *("initial_position", "brake"),
+    "joint",
+    "rotor_inertia",
+    "viscous_friction",
+    "coulomb_friction",
+    "role",
+    "spring",
+    "mimic",
+    "limits",
+    "initial_position",
+    "brake",
 )
 
 
-def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gravity=None):
-    """Read a robot from the YAML text (str or bytes) of its MDH table, or of a document that has its URDF.
+def read_mdh_yaml(
+    text: str | bytes,
+    *,
+    source: str | Path = "MDH table",
+    values: Mapping[str, float | str] | None = None,
+    moving_base: bool | None = None,
+    gravity: ArrayLike | None = None,
+) -> Robot:
+    """Read a robot from the YAML text of its MDH table, or of a document that supplements its URDF.
 
-    source: what to call the description in errors; the Path of the file that it comes from, in whose folder the URDF
-    is looked for. values: {name: number or expression} in the place of entries of `parameters`. moving_base, gravity
-    (3,) [m/s²]: None: as the description says, else a fixed base and the Earth's.
+    Parameters
+    ----------
+    text : str or bytes
+        The YAML, or the bytes of its file.
+    source : str or Path
+        Name of the description in error messages; the Path of its file, if it has one: the folder in which a URDF is
+        searched.
+    values : mapping of str to float or str, optional
+        Numbers or expressions in place of entries of `parameters`.
+    moving_base : bool, optional
+        Whether the base can move freely. Default: from the description, else False.
+    gravity : (3,) array_like, optional
+        Acceleration of gravity in the world frame [m/s²]. Default: from the description, else the Earth's, along -z.
 
-    Raises DescriptionError, which tells line and column, what is wrong and what would be right.
+    Returns
+    -------
+    Robot
+        The robot.
+
+    Raises
+    ------
+    DescriptionError
+        If the text cannot be read. The message has the line and column, the error and the remedy.
+
+    Notes
+    -----
+    mdh.schema.json defines the format. The parameters are those of Khalil, section 2.
     """
     document = YamlDocument(text, source, "an MDH table in YAML")
     if not isinstance(document.data, dict):
@@ -65,238 +106,250 @@ def read_mdh_yaml(text, *, source="MDH table", values=None, moving_base=None, gr
 
 
 @cache
-def _validator():
+def _validator() -> jsonschema.Draft7Validator:
+    """Return the validator of SCHEMA, which is read at the first use."""
     return make_validator(json.loads(SCHEMA.read_text(encoding="utf-8")))
 
 
 class _Builder:
-    """Walks the rows of a validated document in their order and gathers links, joints and frames."""
+    """Reads the rows of a validated document in their order and collects links, joints and frames."""
 
-    def __init__(self, document, values):
-        self.document, self.data = document, document.data
-        self.evaluator = YamlEvaluator(document, values)
+    def __init__(self, document: YamlDocument, values: Mapping[str, float | str]) -> None:
+        self._document = document
+        self._data: YamlMapping = document.data
+        self._evaluator = YamlEvaluator(document, values)
+        base = self._data.get("base", {})
+        self._links: list[str] = [base.get("link", "base_link")]
+        self._inertias: list[Inertia] = [read_inertia(self._evaluator, base, ("base",))]
+        self._joints: list[Joint] = []
+        # all frames by name: number of the link, and placement (4, 4) in its frame
+        self._poses: dict[str, tuple[int, ScalarArray]] = {self._links[0]: (0, np.eye(4))}
+        self._default_antecedent = self._poses[self._links[0]]  # of a row without antecedent
+        self._explicit_frames: set[str] = set()
+        self._unnamed_frames: set[str] = set()
+        self._mimic_joints: list[tuple[str, YamlPath]] = []  # names of the joints that others follow
+        self._flexibilities = FlexibilityReader()
+        # placements of the frames in which frames on a link are given, where these are not the frames of rows
+        self._description_frames: dict[str, ScalarArray] = {}
+        # platforms described as bodies, whose base does not exist yet
+        self._pending_platforms = [part for part in list_platforms(document) if "coordinates" not in part.mapping]
 
-    def build(self, moving_base, gravity):
-        base = self.data.get("base", {})
-        self.links = [base.get("link", "base_link")]
-        self.inertias, self.joints = [self._inertia(base, ("base",))], []
-        self.placed = {self.links[0]: (0, np.eye(4))}  # link number and placement in its frame, of all frames by name
-        self.told_frames, self.nameless, self.followers = set(), set(), []
-        self.flexibilities = FlexibilityReader()
-        self.own_frames = {}  # frames of links in which what is on them is told, where they are not those of rows
-        self.waiting = [(told, path) for told, path in list_platforms(self.document) if "coordinates" not in told]
-        self._hang_platforms()
-        self.here = self.placed[self.links[0]]  # what a row hangs on that does not tell
-        for number, row in enumerate(self.data.get("joints", [])):
-            self._row(row, ("joints", number))
-        self._refuse_waiting(*(told["link"] for told, _ in self.waiting))
-        loops = self._loops([*self._legs(), *list_loops(self.evaluator)])
-        bends = bool(self.flexibilities)
-        platforms = read_platforms(self.document, self.joints, self.links, self.inertias, bends)
-        for number, frame in enumerate(self.data.get("frames", [])):
-            self._frame(frame, ("frames", number))
-        self._check_leaders()
+    def build(self, moving_base: bool | None, gravity: ArrayLike | None) -> Robot:
+        """Return the Robot; None: moving_base and gravity from the document."""
+        self._add_pending_platforms()
+        for number, row in enumerate(self._data.get("joints", [])):
+            self._read_row(YamlPart(row, ("joints", number)))
+        self._refuse_pending_platforms(*(part.mapping["link"] for part in self._pending_platforms))
+        loops = self._read_loops([*self._read_legs(), *list_loops(self._evaluator)])
+        has_beams = bool(self._flexibilities)
+        platforms = read_platforms(self._document, self._joints, self._links, self._inertias, has_beams)
+        for number, frame in enumerate(self._data.get("frames", [])):
+            self._read_frame(frame, ("frames", number))
+        self._check_mimic_joints()
         if moving_base is None:
-            moving_base = base.get("moving", False)
-        if gravity is None:
-            gravity = self.evaluator.vector(self.data, "gravity", ()) if "gravity" in self.data else EARTH_GRAVITY
+            moving_base = self._data.get("base", {}).get("moving", False)
+        if gravity is None and "gravity" in self._data:
+            gravity = self._evaluator.vector(self._data, "gravity", ())
         try:
             return Robot(
-                name=self.data["robot"],
-                links=self._built_links(),
-                joints=tuple(self.joints),
-                frames=tuple(Frame(name, *place) for name, place in self.placed.items() if name not in self.nameless),
+                name=self._data["robot"],
+                links=self._robot_links(),
+                joints=tuple(self._joints),
+                frames=self._robot_frames(),
                 moving_base=moving_base,
-                gravity=gravity,
+                gravity=to_gravity_vector(EARTH_GRAVITY if gravity is None else gravity),
                 loops=loops,
                 platforms=platforms,
             )
         except DescriptionError as error:
-            self.document.fail((), str(error))
+            self._document.fail((), str(error))
 
-    def _hang_platforms(self):
-        """Hangs those of the waiting platforms, described as bodies, of which the base is there by now."""
-        waiting, self.waiting = self.waiting, []
-        for told, path in waiting:
-            if told.get("base", self.links[0]) in self.placed:
-                self._hang_platform(told, path)
+    def _robot_links(self) -> tuple[Link, ...]:
+        """Return the links; the inertia of a flexible one includes its beams."""
+        links = []
+        for number, (name, inertia) in enumerate(zip(self._links, self._inertias, strict=True)):
+            flexibility = self._flexibilities.flexibility_of(number)
+            links.append(Link(name, inertia if flexibility is None else flexibility.inertia, flexibility))
+        return tuple(links)
+
+    def _robot_frames(self) -> tuple[Frame, ...]:
+        """Return the named frames."""
+        names = [name for name in self._poses if name not in self._unnamed_frames]
+        return tuple(Frame(name, *self._poses[name]) for name in names)
+
+    def _add_pending_platforms(self) -> None:
+        """Add the pending platforms whose base exists by now, and those that stand on them."""
+        pending = self._pending_platforms
+        self._pending_platforms = []
+        for part in pending:
+            if part.mapping.get("base", self._links[0]) in self._poses:
+                self._add_platform(part.mapping, part.path)
             else:
-                self.waiting.append((told, path))
-        if 0 < len(self.waiting) < len(waiting):
-            self._hang_platforms()
+                self._pending_platforms.append(part)
+        if 0 < len(self._pending_platforms) < len(pending):
+            self._add_pending_platforms()
 
-    def _refuse_waiting(self, *links):
-        """Tell of the waiting platforms with these links that what they stand on is not there."""
-        for told, path in self.waiting:
-            if told["link"] in links:
-                known = [name for name in self.placed if name != told["link"]]
-                self.document.fail((*path, "base"), f"{self._unknown_link(told['base'], known)}, links and fixed rows")
+    def _refuse_pending_platforms(self, *links: str) -> None:
+        """Raise DescriptionError for a pending platform with one of these links: its base does not exist."""
+        for mapping, path in self._pending_platforms:
+            if mapping["link"] in links:
+                known = [name for name in self._poses if name != mapping["link"]]
+                hint = describe_unknown_link(mapping["base"], known, self._joints, self._links)
+                self._document.fail((*path, "base"), f"{hint}, links and fixed rows")
 
-    def _hang_platform(self, told, path):
-        """The joints and links of a platform that is described as a body."""
-        base = self.placed[told.get("base", self.links[0])]
-        for joint in read_coordinate_joints(self.evaluator, told, path, len(self.joints) + 1, base):
-            if joint.name in {other.name for other in self.joints}:
-                self.document.fail((*path, "link"), f"joint {joint.name!r} is there already: names must differ")
-            self._refuse_taken(joint.name, (*path, "link"))
-            self.joints.append(joint)
-            self.links.append(joint.name)
-            self.inertias.append(Inertia())
-            self.placed[joint.name] = (len(self.joints), np.eye(4))
-        name = told["link"]
-        self.placed.pop(self.links[-1])
-        self._refuse_taken(name, (*path, "link"))
-        self.links[-1] = name
-        self.inertias[-1] = self._inertia(told, path).transformed_by(PLATFORM_FRAME)
-        self.placed[name], self.own_frames[name] = (len(self.joints), PLATFORM_FRAME), PLATFORM_FRAME
-        self.told_frames.add(name)
+    def _add_platform(self, mapping: YamlMapping, path: YamlPath) -> None:
+        """Add the joints and links of a platform that is described as a body."""
+        link_path = (*path, "link")
+        base = self._poses[mapping.get("base", self._links[0])]
+        for joint in read_coordinate_joints(self._evaluator, mapping, path, len(self._joints) + 1, base):
+            self._refuse_joint(joint.name, link_path)
+            self._refuse_name(joint.name, link_path)
+            self._add_joint(joint, joint.name, Inertia())
+        name = mapping["link"]
+        del self._poses[self._links[-1]]  # the last link is the platform itself
+        self._refuse_name(name, link_path)
+        self._links[-1] = name
+        self._inertias[-1] = read_inertia(self._evaluator, mapping, path).transformed_by(PLATFORM_FRAME)
+        self._poses[name] = (len(self._joints), PLATFORM_FRAME)
+        self._description_frames[name] = PLATFORM_FRAME
+        self._explicit_frames.add(name)
 
-    def _legs(self):
-        """Adds the rows of all legs; the ToldLoops by which they are closed."""
-        whole, loops = self.evaluator, []
-        for leg in expand_legs(whole):
-            told, path = leg.base
-            self.evaluator = leg.evaluator
-            link, frame = self._antecedent({"antecedent": self.links[0], **told}, path)
-            self.here = link, frame @ self.evaluator.read_placement(told, path)
-            for row, path in leg.rows:
-                self._row(row, path)
+    def _add_joint(self, joint: Joint, link: str, inertia: Inertia) -> None:
+        """Add a joint and the link that it moves."""
+        self._joints.append(joint)
+        self._links.append(link)
+        self._inertias.append(inertia)
+        self._poses[link] = (len(self._joints), np.eye(4))
+
+    def _read_legs(self) -> list[LoopDescription]:
+        """Add the rows of all legs, and return the loops that close them."""
+        evaluator = self._evaluator
+        loops = []
+        for leg in expand_legs(evaluator):
+            self._evaluator = leg.evaluator
+            base = {"antecedent": self._links[0], **leg.base.mapping}
+            link, frame = self._antecedent(base, leg.base.path)
+            self._default_antecedent = (link, frame @ leg.evaluator.read_placement(*leg.base))
+            for row in leg.rows:
+                self._read_row(row)
             loops += leg.loops
-        self.evaluator = whole
+        self._evaluator = evaluator
         return loops
 
-    def _built_links(self):
-        """The Links, of those that bend with the inertia of their beams."""
-        bends = [self.flexibilities.flexibility_of(number) for number in range(len(self.links))]
-        inertias = [part if bend is None else bend.inertia for bend, part in zip(bends, self.inertias, strict=True)]
-        return tuple(map(Link, self.links, inertias, bends))
-
-    def _loops(self, told):
-        cuts = read_loops(self.document, told, self.joints, self.links, self.placed)
+    def _read_loops(self, loops: list[LoopDescription]) -> tuple[Loop, ...]:
+        """Return the loops, and add their cut joints."""
+        cuts = read_loops(self._document, loops, self._joints, self._links, self._poses)
         for joint, link in zip(cuts.joints, cuts.links, strict=True):
-            self.joints.append(joint)
-            self.links.append(link)
-            self.inertias.append(Inertia())
-            self.placed[link] = (len(self.joints), np.eye(4))
+            self._add_joint(joint, link, Inertia())
         return cuts.loops
 
-    def _row(self, row, path):
-        self._add_row(row, path)
-        if self.waiting:
-            self._hang_platforms()
+    def _read_row(self, row: YamlPart) -> None:
+        """Add a row, and the pending platforms that stand on it."""
+        if row.mapping.get("type") == "fixed":
+            self._add_fixed_row(row.mapping, row.path)
+        else:
+            self._add_moving_row(row.mapping, row.path)
+        if self._pending_platforms:
+            self._add_pending_platforms()
 
-    def _add_row(self, row, path):
-        name = row["link"]
-        self._refuse_taken(name, (*path, "link"))
+    def _row_frame(self, row: YamlMapping, path: YamlPath) -> tuple[int, ScalarArray]:
+        """Return the frame of a row: number of the link in which it is placed, and placement (4, 4) there."""
+        self._refuse_name(row["link"], (*path, "link"))
         link, frame = self._antecedent(row, path)
-        frame = frame @ self.evaluator.mdh(row, path)
-        inertia = self._inertia(row, path)
-        moves = row.get("type") != "fixed"
-        number, seen = (len(self.joints) + 1, np.eye(4)) if moves else (link, frame)
-        self.flexibilities.add(self.evaluator, number, row, path, seen, inertia)
-        if not moves:
-            for key in JOINT_KEYS:
-                if key in row:
-                    self.document.fail((*path, key), f"a fixed row moves nothing: leave out {key}, or the type")
-            self.inertias[link] += inertia.transformed_by(frame)
-            self.here = self.placed[name] = (link, frame)
-            if row.get("named") is False:
-                self.nameless.add(name)
-            return
+        return link, frame @ self._evaluator.mdh(row, path)
+
+    def _add_fixed_row(self, row: YamlMapping, path: YamlPath) -> None:
+        """Add a fixed frame, and lump its inertia into its link."""
+        name = row["link"]
+        link, frame = self._row_frame(row, path)
+        inertia = read_inertia(self._evaluator, row, path)
+        self._flexibilities.add(self._evaluator, link, row, path, frame, inertia)
+        for key in JOINT_KEYS:
+            if key in row:
+                self._document.fail((*path, key), f"a fixed row has no joint: omit {key}, or the type")
+        self._inertias[link] += inertia.transformed_by(frame)
+        self._poses[name] = (link, frame)
+        self._default_antecedent = self._poses[name]
+        if row.get("named") is False:
+            self._unnamed_frames.add(name)
+
+    def _add_moving_row(self, row: YamlMapping, path: YamlPath) -> None:
+        """Add a joint and its link."""
+        name = row["link"]
+        antecedent, frame = self._row_frame(row, path)
+        inertia = read_inertia(self._evaluator, row, path)
+        self._flexibilities.add(self._evaluator, len(self._joints) + 1, row, path, np.eye(4), inertia)
         if "named" in row:
-            self.document.fail((*path, "named"), "a link that a joint moves is always known: leave out named")
+            self._document.fail((*path, "named"), "a link with a joint always has a named frame: omit named")
         if "joint" not in row:
-            self.document.fail(path, "joint missing: the name of the joint, or type: fixed")
-        self.joints.append(self._joint(row, link, frame, path))
-        self.links.append(name)
-        self.inertias.append(inertia)
-        self.here = self.placed[name] = (len(self.joints), np.eye(4))
+            self._document.fail(path, "joint missing: the name of the joint, or type: fixed")
+        self._add_joint(self._read_joint(row, antecedent, frame, path), name, inertia)
+        self._default_antecedent = self._poses[name]
 
-    def _refuse_taken(self, name, path):
-        if name in self.placed:
-            self.document.fail(path, f"link or frame {name!r} is there already: names must differ")
+    def _refuse_name(self, name: str, path: YamlPath) -> None:
+        """Raise DescriptionError where a link or frame has this name."""
+        if name in self._poses:
+            self._document.fail(path, f"link or frame {name!r} is already defined: names must be unique")
 
-    def _antecedent(self, row, path):
-        """Link number and placement of the frame that a row is placed in; left out, that of the row before."""
+    def _refuse_joint(self, name: str, path: YamlPath) -> None:
+        """Raise DescriptionError where a joint has this name."""
+        if any(joint.name == name for joint in self._joints):
+            self._document.fail(path, f"joint {name!r} is already defined: names must be unique")
+
+    def _antecedent(self, row: YamlMapping, path: YamlPath) -> tuple[int, ScalarArray]:
+        """Return the frame in which a row is placed, by default that of the row before: link number and placement."""
         if "antecedent" not in row:
-            return self.here
+            return self._default_antecedent
         name = row["antecedent"]
-        if name not in self.placed:
-            self._refuse_waiting(name)
-            hint = self._unknown_link(name, self.placed)
-            self.document.fail((*path, "antecedent"), f"{hint}. A row comes after the one it hangs on")
-        return self.placed[name]
+        if name not in self._poses:
+            self._refuse_pending_platforms(name)
+            hint = describe_unknown_link(name, self._poses, self._joints, self._links)
+            self._document.fail((*path, "antecedent"), f"{hint}. A row comes after its antecedent")
+        return self._poses[name]
 
-    def _unknown_link(self, name, known):
-        return describe_unknown_link(name, known, self.joints, self.links)
-
-    def _joint(self, row, antecedent, placed, path):
-        if row["joint"] in {joint.name for joint in self.joints}:
-            self.document.fail((*path, "joint"), f"joint {row['joint']!r} is there already: names must differ")
-        spring = read_spring(self.evaluator, row["spring"], (*path, "spring")) if "spring" in row else None
-        if objection := find_role_conflict(row.get("role"), spring, "mimic" in row):
-            self.document.fail((*path, objection[0]), objection[1])
+    def _read_joint(self, row: YamlMapping, antecedent: int, frame: ScalarArray, path: YamlPath) -> Joint:
+        """Return the joint of a row."""
+        self._refuse_joint(row["joint"], (*path, "joint"))
+        spring = read_spring(self._evaluator, row["spring"], (*path, "spring")) if "spring" in row else None
+        if conflict := find_role_conflict(row.get("role"), spring, "mimic" in row):
+            self._document.fail((*path, conflict.key), conflict.message)
         return read_joint(
-            self.evaluator,
+            self._evaluator,
             row,
             path,
-            len(self.joints) + 1,
+            len(self._joints) + 1,
             antecedent=antecedent,
             prismatic=row.get("type") == "prismatic",
-            placement=placed,
-            mimic=self._mimic(row, path),
+            placement=frame,
+            mimic=self._read_mimic(row["mimic"], (*path, "mimic")) if "mimic" in row else None,
             actuated=row.get("role") in (None, "actuated"),
             spring=spring,
         )
 
-    def _mimic(self, row, path):
-        if "mimic" not in row:
-            return None
-        told, path = row["mimic"], (*path, "mimic")
-        self.followers.append((told["joint"], path))
-        return Mimic(
-            told["joint"],
-            self.evaluator.number(told, "multiplier", path, 1.0),
-            self.evaluator.number(told, "offset", path),
-        )
+    def _read_mimic(self, mapping: YamlMapping, path: YamlPath) -> Mimic:
+        """Return the mimic relation in the mapping at a path."""
+        self._mimic_joints.append((mapping["joint"], path))
+        multiplier = self._evaluator.number(mapping, "multiplier", path, 1.0)
+        offset = self._evaluator.number(mapping, "offset", path)
+        return Mimic(mapping["joint"], multiplier, offset)
 
-    def _check_leaders(self):
-        names = [joint.name for joint in self.joints]
-        for leader, path in self.followers:
-            if leader not in names:
-                self.document.fail((*path, "joint"), describe_unknown_name("joint", leader, names))
+    def _check_mimic_joints(self) -> None:
+        """Raise DescriptionError where a joint follows an unknown joint."""
+        names = [joint.name for joint in self._joints]
+        for name, path in self._mimic_joints:
+            if name not in names:
+                self._document.fail((*path, "joint"), describe_unknown_name("joint", name, names))
 
-    def _frame(self, frame, path):
-        """A named frame on a link; one of the link's own name says where wrenches and payloads on it are meant."""
+    def _read_frame(self, frame: YamlMapping, path: YamlPath) -> None:
+        """Add a named frame on a link. A frame with the name of its link is that of wrenches and payloads on it."""
         name, link = frame["frame"], frame["link"]
-        if link not in self.links:
-            self.document.fail((*path, "link"), self._unknown_link(link, self.links))
-        number = self.links.index(link)
-        if name == self.links[0]:
-            self.document.fail((*path, "frame"), f"{name!r} is the base, whose frame is frame 0: take another name")
-        if name in self.placed and not (name == link and name not in self.told_frames):
-            self.document.fail((*path, "frame"), f"link or frame {name!r} is there already: names must differ")
-        self.told_frames.add(name)
-        self.placed[name] = (number, self.own_frames.get(link, np.eye(4)) @ self.evaluator.pose(frame, path))
-
-    def _inertia(self, body, path):
-        """The Inertia about the frame's origin of a mapping that may have the keys of BODY."""
-        about_centre = {"centre_of_mass", "central_inertia"} & body.keys()
-        about_origin = {"first_moments", "inertia"} & body.keys()
-        if about_centre and about_origin:
-            self.document.fail(
-                path,
-                f"{about_centre.pop()} and {about_origin.pop()} say the same twice: give first_moments and inertia "
-                "about the origin of the frame, or centre_of_mass and central_inertia",
-            )
-        if about_centre and "mass" not in body:
-            self.document.fail(path, f"mass missing: {about_centre.pop()} has no meaning without")
-        mass = self.evaluator.number(body, "mass", path)
-        if mass < 0:
-            self.document.fail((*path, "mass"), f"mass {mass:g} kg is negative")
-        if not about_centre:
-            return Inertia(
-                mass, self.evaluator.vector(body, "first_moments", path), self.evaluator.matrix(body, "inertia", path)
-            )
-        centre = placement(translation=self.evaluator.vector(body, "centre_of_mass", path))
-        return Inertia.about_centre_of_mass(mass, self.evaluator.matrix(body, "central_inertia", path), centre)
+        if link not in self._links:
+            hint = describe_unknown_link(link, self._links, self._joints, self._links)
+            self._document.fail((*path, "link"), hint)
+        if name == self._links[0]:
+            self._document.fail((*path, "frame"), f"{name!r} is the base, whose frame is frame 0: choose another name")
+        if not (name == link and name not in self._explicit_frames):
+            self._refuse_name(name, (*path, "frame"))
+        self._explicit_frames.add(name)
+        pose = self._description_frames.get(link, np.eye(4)) @ self._evaluator.pose(frame, path)
+        self._poses[name] = (self._links.index(link), pose)

@@ -1,4 +1,4 @@
-"""Robot from a URDF and a short YAML beside it, which tells what URDF cannot say: loops, roles, springs, gravity.
+"""Robot from a URDF and a short YAML with what URDF cannot represent: loops, roles, springs, gravity.
 
 urdf: five_bar.urdf     # beside this file, or the text itself
 roles: {elbow_left: passive, elbow_right: passive}
@@ -7,94 +7,112 @@ loops:
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import ArrayLike
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import read_file_bytes
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.joints import find_role_conflict, read_spring
 from robot_dynamics.model.formats.mdh_yaml.loops import list_loops, read_loops
 from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import check_joint
-from robot_dynamics.model.robot import Frame, Link
+from robot_dynamics.model.joint import Joint, check_joint
+from robot_dynamics.model.robot import Frame, Link, Robot
 
 
-def read_supplemented_urdf(document, values, moving_base, gravity):
-    """The Robot of a validated YamlDocument with the key urdf; the rest as for `read_mdh_yaml`.
-
-    Raises DescriptionError.
-    """
-    numbers = YamlEvaluator(document, values)
+def read_supplemented_urdf(
+    document: YamlDocument,
+    values: Mapping[str, float | str],
+    moving_base: bool | None,
+    gravity: ArrayLike | None,
+) -> Robot:
+    """Return the robot of a validated document with the key urdf; the other arguments are those of `read_mdh_yaml`."""
+    evaluator = YamlEvaluator(document, values)
     if gravity is None and "gravity" in document.data:
-        gravity = numbers.vector(document.data, "gravity", ())
-    text, source = _urdf(document)
+        gravity = evaluator.vector(document.data, "gravity", ())
+    text, source = _read_urdf_text(document)
     robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
-    joints = _told_joints(numbers, robot)
+    joints = _supplement_joints(evaluator, robot)
     names = [link.name for link in robot.links]
-    placed = {frame.name: (frame.link, frame.placement) for frame in robot.frames}
-    cuts = read_loops(document, list_loops(numbers), joints, names, placed)
-    moved = enumerate(cuts.links, start=len(names))
+    poses = {frame.name: (frame.link, frame.placement) for frame in robot.frames}
+    cuts = read_loops(document, list_loops(evaluator), joints, names, poses)
+    cut_frames = [Frame(name, number, np.eye(4)) for number, name in enumerate(cuts.links, start=len(names))]
     try:
         return replace(
             robot,
             name=document.data.get("robot", robot.name),
             links=(*robot.links, *(Link(name, Inertia()) for name in cuts.links)),
             joints=(*joints, *cuts.joints),
-            frames=(*robot.frames, *(Frame(name, number, np.eye(4)) for number, name in moved)),
+            frames=(*robot.frames, *cut_frames),
             loops=cuts.loops,
         )
     except DescriptionError as error:
         document.fail((), str(error))
 
 
-def _urdf(document):
-    """(the text of the URDF, what to call it): it stands there itself, or in a file.
+def _read_urdf_text(document: YamlDocument) -> tuple[str | bytes, str | Path]:
+    """Return the URDF of a document, which contains it or the path of its file, and the name of the URDF.
 
-    A text that came from no file opens none: it may have come from anywhere.
+    A document that was not read from a file opens no file, because its author may be unknown.
     """
-    told, source = document.data["urdf"], document.source
-    if re.match(r"\s*<", told.removeprefix("\ufeff")):
-        return told, f"{source}, urdf"
+    entry: str = document.data["urdf"]
+    source = document.source
+    if re.match(r"\s*<", entry.removeprefix("\ufeff")):
+        return entry, f"{source}, urdf"
     if not isinstance(source, Path):
         document.fail(
             ("urdf",),
-            f"{told[:100]!r} is a path, but this text came from no file beside which it could be looked for: put the "
-            "text of the URDF there (urdf: | and the text below, indented), or load the YAML from its file",
+            f"{entry[:100]!r} is a path, but this text has no file, whose folder would be searched: give the text of "
+            "the URDF instead (urdf: | and the text below, indented), or load the YAML from its file",
         )
-    path = source.parent / told
+    path = source.parent / entry
     try:
         return read_file_bytes(path, MAX_DESCRIPTION_LENGTH), path
     except DescriptionError as error:
         document.fail(("urdf",), f"{error}. A path from the folder of this file, or the text of a URDF, is needed")
 
 
-def _told_joints(numbers, robot):
-    """The Joints of a Robot with the roles, springs and initial positions that the document tells."""
-    document = numbers.document
-    told = {key: document.data.get(key, {}) for key in ("roles", "springs", "initial_positions")}
-    cut = {loop["joint"] for loop in document.data.get("loops", [])} - robot.joint_numbers.keys()
-    for key, mapping in told.items():
+class _Supplements(NamedTuple):
+    """Entries of the document by name of the joint."""
+
+    roles: dict[str, str]
+    springs: dict[str, Any]
+    initial_positions: dict[str, Any]
+
+
+def _supplement_joints(evaluator: YamlEvaluator, robot: Robot) -> list[Joint]:
+    """Return the joints of a robot with the roles, springs and initial positions of the document."""
+    document = evaluator.document
+    supplements = _Supplements(**{key: document.data.get(key, {}) for key in _Supplements._fields})
+    cut_joints = {loop["joint"] for loop in document.data.get("loops", [])} - robot.joint_numbers.keys()
+    for key, mapping in supplements._asdict().items():
         for name in mapping:
-            if name in cut:
-                document.fail((key, name), f"loop {name!r} is cut at that joint: what it is stands there, in loops")
+            if name in cut_joints:
+                document.fail((key, name), f"loop {name!r} is cut at that joint: describe the joint there, in loops")
             if name not in robot.joint_numbers:
                 document.fail((key, name), describe_unknown_name("moving joint", name, robot.joint_numbers))
-    return [_told_joint(numbers, joint, told) for joint in robot.joints]
+    return [_supplement_joint(evaluator, joint, supplements) for joint in robot.joints]
 
 
-def _told_joint(numbers, joint, told):
-    name, document = joint.name, numbers.document
-    spring, role = told["springs"].get(name), told["roles"].get(name)
-    if spring is not None:
-        spring = read_spring(numbers, spring, ("springs", name))
-    if objection := find_role_conflict(role, spring, joint.mimic is not None):
-        document.fail((f"{objection[0]}s", name), f"joint {name!r}: {objection[1]}")
-    position = numbers.number(told["initial_positions"], name, ("initial_positions",))
+def _supplement_joint(evaluator: YamlEvaluator, joint: Joint, supplements: _Supplements) -> Joint:
+    """Return a joint with the role, spring and initial position of the document."""
+    name = joint.name
+    document = evaluator.document
+    role = supplements.roles.get(name)
+    spring = None
+    if supplements.springs.get(name) is not None:
+        spring = read_spring(evaluator, supplements.springs[name], ("springs", name))
+    if conflict := find_role_conflict(role, spring, joint.mimic is not None):
+        document.fail((f"{conflict.key}s", name), f"joint {name!r}: {conflict.message}")
+    position = evaluator.number(supplements.initial_positions, name, ("initial_positions",))
     joint = replace(joint, actuated=role in (None, "actuated"), spring=spring, initial_position=position)
     try:
         check_joint(joint.antecedent + 1, joint)

@@ -1,13 +1,16 @@
-"""What the entries of a SYMORO+ .par come to: expressions of names, of which some are joint variables."""
+"""Values of the entries of a SYMORO+ .par: expressions of names, some of which are joint variables."""
 
 import math
 import re
+from collections.abc import Container, Mapping
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, MAX_EXPRESSION_LENGTH, evaluate
+from robot_dynamics.model.formats.par.document import Entry, ParDocument
 
 PI = {**CONSTANTS, "Pi": math.pi}
-MAX_EVALUATED_LENGTH = 500_000  # characters of expressions, those of a joint variable six times; takes some seconds
+# Characters of expressions, those of a joint variable six times. They take some seconds.
+MAX_EVALUATED_LENGTH = 500_000
 PROBES = (0.3, 1.0, -1.7, 13.1, -41.9)  # values of a joint variable
 
 _TOKEN = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[A-Za-z_]\w*\s*\(|([A-Za-z_]\w*)", re.ASCII)
@@ -15,107 +18,128 @@ _PLAIN_NUMBER = re.compile(r"-?(\d{1,30}\.?\d{0,30}|\.\d{1,30})([eE][-+]?\d{1,2}
 
 
 class ParEvaluator:
-    """What the entries of a document come to, and which names have no value though one is needed."""
+    """Evaluates the entries of a document.
 
-    def __init__(self, document, values):
-        self.document, self.missing = document, {}  # names without value, and the line that needs them first
-        self.cache, self.budget = {}, MAX_EVALUATED_LENGTH
-        self.values = self._values(values)
+    Parameters
+    ----------
+    document : ParDocument
+        The document.
+    values : mapping of str to float or str
+        Numbers or expressions of pi for names in the document.
 
-    def _values(self, told):
-        if not hasattr(told, "items"):
-            raise DescriptionError(f"values are {told!r:.60}: {{name: number, ...}} is needed")
-        names, values = {}, {}
-        for entries in self.document.lists.values() if told else ():
+    Attributes
+    ----------
+    missing : dict of str to (int or None)
+        Names without value where a value is needed, and the line that needs them first.
+    """
+
+    def __init__(self, document: ParDocument, values: Mapping[str, float | str]) -> None:
+        self._document = document
+        self.missing: dict[str, int | None] = {}
+        self._cache: dict[tuple[str, float], float] = {}
+        self._budget = MAX_EVALUATED_LENGTH
+        self._values = self._evaluate_values(values)
+
+    def _evaluate_values(self, values: Mapping[str, float | str]) -> dict[str, float]:
+        """Return the numbers of the values, whose names must occur in the document."""
+        if not hasattr(values, "items"):
+            raise DescriptionError(f"values are {values!r:.60}: {{name: number, ...}} is needed")
+        names: dict[str, None] = {}
+        for entries in self._document.lists.values() if values else ():
             for entry in entries:
                 names.update(dict.fromkeys(self._names(entry)))
-        for name, value in told.items():
+        numbers = {}
+        for name, value in values.items():
             if name not in names:
-                self.document.fail(None, f"value given for {describe_unknown_name('name', name, list(names)[:5000])}")
+                unknown = describe_unknown_name("name", name, list(names)[:5000])
+                self._document.fail(None, f"value given for {unknown}")
             try:
-                values[name] = evaluate(value, PI)
+                numbers[name] = evaluate(value, PI)
             except DescriptionError as error:
-                self.document.fail(None, f"value given for {name!r}: {error}")
-        return values
+                self._document.fail(None, f"value given for {name!r}: {error}")
+        return numbers
 
-    def _names(self, entry):
-        """The names in an entry, by its tokens alone: whether it has a meaning is seen when it is evaluated."""
+    def _names(self, entry: Entry) -> dict[str, None]:
+        """Return the names in an entry, in order, from its tokens alone; evaluation shows whether it is valid."""
         if len(entry.text) > MAX_EXPRESSION_LENGTH:
-            self.document.fail(
-                entry.line, f"an entry has {len(entry.text)} characters: {MAX_EXPRESSION_LENGTH} at most are read"
+            self._document.fail(
+                entry.line, f"an entry has {len(entry.text)} characters: the maximum is {MAX_EXPRESSION_LENGTH}"
             )
         return dict.fromkeys(name for name in _TOKEN.findall(entry.text) if name and name not in PI)
 
-    def unbound(self, entry):
-        """The names in an entry that have no value."""
-        return [name for name in self._names(entry) if name not in self.values]
+    def unbound_names(self, entry: Entry) -> list[str]:
+        """Return the names in an entry that have no value."""
+        return [name for name in self._names(entry) if name not in self._values]
 
-    def entry(self, key, number):
-        """An Entry of a list by its number, from 0; None where the list is not there."""
-        return self.document.lists[key][number] if key in self.document.lists else None
+    def entry(self, key: str, number: int) -> Entry | None:
+        """Return an entry of a list by its number, from 0; None where the list does not exist."""
+        return self._document.lists[key][number] if key in self._document.lists else None
 
-    def number(self, entry):
-        """The number that an entry comes to; zero where it is not there, or is noted as missing."""
+    def number(self, entry: Entry | None) -> float:
+        """Return the value of an entry; zero where it does not exist, or has names without value, which are noted."""
         if entry is None:
             return 0.0
-        unbound = self.unbound(entry)
+        unbound = self.unbound_names(entry)
         for name in unbound:
             self.missing.setdefault(name, entry.line)
         return 0.0 if unbound else self.evaluate_entry(entry)
 
-    def evaluate_entry(self, entry, variable=None, value=0.0):
-        """The number that an entry comes to where `variable`, a name that it leaves open, has the value."""
+    def evaluate_entry(self, entry: Entry, variable: str | None = None, value: float = 0.0) -> float:
+        """Return the value of an entry; variable: a name in it without value, which takes the value here."""
         if _PLAIN_NUMBER.fullmatch(entry.text):
             return float(entry.text)
-        if entry.text in self.values:
-            return self.values[entry.text]
+        if entry.text in self._values:
+            return self._values[entry.text]
         key = (entry.text, value)
-        if key not in self.cache:
-            self.budget -= len(entry.text)
-            if self.budget < 0:
-                self.document.fail(entry.line, "the expressions up to here are too many: write numbers instead")
-            bound = {name: self.values[name] for name in self._names(entry) if name != variable}
-            names = PI | bound if variable is None else PI | bound | {variable: value}
+        if key not in self._cache:
+            self._budget -= len(entry.text)
+            if self._budget < 0:
+                self._document.fail(entry.line, "the expressions up to here are too many: write numbers instead")
+            bound = {name: self._values[name] for name in self._names(entry) if name != variable}
+            names = PI | bound
+            if variable is not None:
+                names[variable] = value
             try:
-                self.cache[key] = evaluate(entry.text, names)
+                self._cache[key] = evaluate(entry.text, names)
             except DescriptionError as error:
-                self.document.fail(entry.line, str(error))
-        return self.cache[key]
+                self._document.fail(entry.line, str(error))
+        return self._cache[key]
 
-    def choice(self, entry, what, choices, needed):
-        """A whole number, one of the `choices`."""
-        number = None if self.unbound(entry) else self.evaluate_entry(entry)
-        if number not in choices:
-            self.document.fail(entry.line, f"{what} is {entry.text[:40]!r}: {needed} is needed")
+    def choice(self, entry: Entry, quantity: str, choices: Container[int], requirement: str) -> int:
+        """Return a whole number, one of the choices; quantity and requirement: for the error message."""
+        number = None if self.unbound_names(entry) else self.evaluate_entry(entry)
+        if number is None or number not in choices:
+            self._document.fail(entry.line, f"{quantity} is {entry.text[:40]!r}: {requirement} is needed")
         return int(number)
 
-    def split_joint_variable(self, entry, what):
-        """(joint variable, constant) of an entry `variable + constant`; variable None where every name has a value."""
-        unbound = self.unbound(entry)
+    def split_joint_variable(self, entry: Entry, quantity: str) -> tuple[str | None, float]:
+        """Return (variable, constant) of an entry `variable + constant`; (None, value) if all its names have values."""
+        unbound = self.unbound_names(entry)
         if not unbound:
             return None, self.evaluate_entry(entry)
         if len(unbound) > 1:
-            self.document.fail(
+            self._document.fail(
                 entry.line,
-                f"{what} is {entry.text[:60]!r} and may have one joint variable, but {', '.join(unbound[:40])} "
+                f"{quantity} is {entry.text[:60]!r} and may have one joint variable, but {', '.join(unbound[:40])} "
                 "have no value: give values for all of them but the variable",
             )
-        name, constant = unbound[0], self.evaluate_entry(entry, unbound[0], 0.0)
+        name = unbound[0]
+        constant = self.evaluate_entry(entry, name, 0.0)
         scale = max(1.0, abs(constant))  # so that a large constant does not hide the variable
         for step in (scale * probe for probe in PROBES):
-            if not abs(self._grown(entry, name, step, constant) - step) <= 1e-9 * abs(step):
-                self.document.fail(
+            if not abs(self._increase(entry, name, step, constant) - step) <= 1e-9 * abs(step):
+                self._document.fail(
                     entry.line,
-                    f"{what} is {entry.text[:60]!r} and does not grow as {name} does: {name} plus or minus a constant "
-                    f"is needed, or a value for {name} where it is no joint variable",
+                    f"{quantity} is {entry.text[:60]!r} and does not increase by as much as {name}: {name} plus or "
+                    f"minus a constant is needed, or a value for {name} where it is no joint variable",
                 )
         return name, constant
 
-    def _grown(self, entry, name, step, constant):
-        """By how much an entry is more than `constant` at name = step; nan where it has no value there."""
+    def _increase(self, entry: Entry, name: str, step: float, constant: float) -> float:
+        """Return the increase of an entry over `constant` at name = step; NaN where it has no value there."""
         try:
             return self.evaluate_entry(entry, name, step) - constant
         except DescriptionError:
-            if self.budget < 0:
+            if self._budget < 0:
                 raise
             return math.nan

@@ -1,19 +1,22 @@
 """A Robot as the rows of a SYMORO+ .par: its links and fixed frames, then cut joints, then frames that close loops."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import Loop
+from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.mdh import ROUNDING, MDHParameters, mdh_from_placement
 from robot_dynamics.model.mdh_table import build_mdh_table
+from robot_dynamics.model.robot import Frame, Robot
 
 
 class ParRow(NamedTuple):
-    """One row of the file: number of the row that it is placed in, its six parameters, and what a joint moves there."""
+    """One row of the file: the number of its antecedent row, its six parameters, its joint and its inertia."""
 
     antecedent: int
     parameters: MDHParameters
@@ -24,8 +27,16 @@ class ParRow(NamedTuple):
 class ParTable(NamedTuple):
     """The rows of a file, from row 1 on.
 
-    links: NL, how many are of the tree; loops: the Loops that the others close, for each a row of frame k, and after
-    these for each a row of frame k+B; frames: {name: row} of the named frames, but of links that are at their own row.
+    Attributes
+    ----------
+    rows : list of ParRow
+        All rows.
+    links : int
+        NL, the number of rows in the tree.
+    loops : list of Loop
+        The loops that the other rows close: for each a row of frame k, then for each a row of frame k+B.
+    frames : dict of str to int
+        Rows of the named frames, without those of links that are at their own row.
     """
 
     rows: list[ParRow]
@@ -34,76 +45,85 @@ class ParTable(NamedTuple):
     frames: dict[str, int]
 
     @property
-    def joints(self):
-        """NJ, the rows of the tree and of the frames k."""
+    def joints(self) -> int:
+        """NJ, the number of rows of the tree and of the frames k."""
         return self.links + len(self.loops)
 
 
-def build_par_table(robot):
-    """The FileRows of a Robot; loops that are cut at ball joints are left out."""
-    cut = cut_joints(robot, lambda number: _fits(robot, number))
-    tree = len(robot.joints) - len(cut)
-    rows, numbers = _tree_rows(robot, tree)
+def build_par_table(robot: Robot) -> ParTable:
+    """Return the rows of a Robot, without loops that are cut at ball joints."""
+    cut = cut_joints(robot, lambda number: _fits_in_row(robot, number))
+    tree_joint_count = len(robot.joints) - len(cut)
+    rows, row_of_link = _tree_rows(robot, tree_joint_count)
     loops = [(loop, cut.get(number)) for number, loop in enumerate(robot.loops) if not loop.is_spherical]
     ends = [*(loop.moved for loop, _ in loops), *(loop.closed_on for loop, _ in loops)]
-    frames, at_end = {}, {}  # the row of a frame, or the number of the end that it is at
+    frame_rows: dict[str, int] = {}
+    frame_ends: dict[str, int] = {}  # number of the end at which a frame is
     for frame in robot.frames:
-        if frame.link <= tree and np.array_equal(frame.placement, np.eye(4)):
-            frames[frame.name] = numbers[frame.link]
-        elif (end := _end_at(frame, ends)) is not None:
-            at_end[frame.name] = end
+        if frame.link <= tree_joint_count and np.array_equal(frame.placement, np.eye(4)):
+            frame_rows[frame.name] = row_of_link[frame.link]
+        elif (end := _find_end(frame, ends)) is not None:
+            frame_ends[frame.name] = end
         else:
-            rows.append(_last_row(rows, numbers[frame.link], frame.placement))
-            frames[frame.name] = len(rows)
-    last = [_end_row(robot, rows, numbers, loop.moved, number) for loop, number in loops]
-    last += [_end_row(robot, rows, numbers, loop.closed_on) for loop, _ in loops]
+            rows.append(_make_row(rows, row_of_link[frame.link], frame.placement))
+            frame_rows[frame.name] = len(rows)
+    end_rows = [_end_row(robot, rows, row_of_link, loop.moved, joint) for loop, joint in loops]
+    end_rows += [_end_row(robot, rows, row_of_link, loop.closed_on) for loop, _ in loops]
     links = len(rows)
-    numbers += [links + row for row, (_, number) in enumerate(loops, start=1) if number is not None]
-    frames |= {name: links + 1 + end for name, end in at_end.items()}
-    own = {robot.links[link].name: number for link, number in enumerate(numbers)}
-    frames = {name: number for name, number in frames.items() if own.get(name) != number}
-    return ParTable([*rows, *last], links, [loop for loop, _ in loops], frames)
+    row_of_link += [links + row for row, (_, joint) in enumerate(loops, start=1) if joint is not None]
+    frame_rows |= {name: links + 1 + end for name, end in frame_ends.items()}
+    own_rows = {robot.links[link].name: row for link, row in enumerate(row_of_link)}
+    frame_rows = {name: row for name, row in frame_rows.items() if own_rows.get(name) != row}
+    return ParTable([*rows, *end_rows], links, [loop for loop, _ in loops], frame_rows)
 
 
-def _end_at(frame, ends):
-    """The number of the End at which a Frame is, but for rounding; None where it is at none."""
-    same = (frame.link == end.link and np.allclose(frame.placement, end.placement, rtol=ROUNDING, atol=ROUNDING)
-            for end in ends)  # fmt: skip
-    return next((number for number, found in enumerate(same) if found), None)
+def _find_end(frame: Frame, ends: Sequence[LoopEnd]) -> int | None:
+    """Return the number of the loop end at which a frame is, but for rounding; None where it is at none."""
+    for number, end in enumerate(ends):
+        if frame.link != end.link:
+            continue
+        if np.allclose(frame.placement, end.placement, rtol=ROUNDING, atol=ROUNDING):
+            return number
+    return None
 
 
-def _fits(robot, number):
-    """Whether the row of a cut joint says all of it: it has no friction, and no frame beside its link."""
+def _fits_in_row(robot: Robot, number: int) -> bool:
+    """Return whether the row of a cut joint represents it completely: no friction, no frame apart from its link."""
     joint = robot.joints[number]
-    at_frame = [np.array_equal(frame.placement, np.eye(4)) for frame in robot.frames if frame.link == number + 1]
-    return all(at_frame) and joint.viscous_friction == joint.coulomb_friction == 0
+    is_at_link = [np.array_equal(frame.placement, np.eye(4)) for frame in robot.frames if frame.link == number + 1]
+    return all(is_at_link) and joint.viscous_friction == joint.coulomb_friction == 0
 
 
-def _tree_rows(robot, joints):
-    """(FileRows of the first so many joints, the row of each link that they move, the base first)."""
-    rows, numbers, by_name = [], [0], {robot.base_link: 0}
-    for told in build_mdh_table(robot, joints):
+def _tree_rows(robot: Robot, joint_count: int) -> tuple[list[ParRow], list[int]]:
+    """Return the rows of the first joints, and the row of each link that they move, the base first."""
+    rows: list[ParRow] = []
+    row_of_link = [0]
+    row_by_name = {robot.base_link: 0}
+    for table_row in build_mdh_table(robot, joint_count):
         inertia = Inertia()
-        if told.joint is not None:
-            inertia = robot.links[len(numbers)].inertia
-            numbers.append(len(rows) + 1)
-        rows.append(ParRow(by_name[told.antecedent], told.parameters, told.joint, inertia))
-        by_name[told.name] = len(rows)
-    return rows, numbers
+        if table_row.joint is not None:
+            inertia = robot.links[len(row_of_link)].inertia
+            row_of_link.append(len(rows) + 1)
+        antecedent = row_by_name[table_row.antecedent]
+        rows.append(ParRow(antecedent, table_row.parameters, table_row.joint, inertia))
+        row_by_name[table_row.name] = len(rows)
+    return rows, row_of_link
 
 
-def _end_row(robot, rows, numbers, end, number=None):
-    """The FileRow of an End, moved by joint `number` where it is at a cut joint; what leads to it is added."""
+def _end_row(
+    robot: Robot, rows: list[ParRow], row_of_link: Sequence[int], end: LoopEnd, number: int | None = None
+) -> ParRow:
+    """Return the row of a loop end, moved by joint `number` at a cut joint; append to `rows` the frames before it."""
     if number is None:
-        return _last_row(rows, numbers[end.link], end.placement)
+        return _make_row(rows, row_of_link[end.link], end.placement)
     joint = robot.joints[number]
-    return _last_row(rows, numbers[joint.antecedent], joint.placement, joint)
+    return _make_row(rows, row_of_link[joint.antecedent], joint.placement, joint)
 
 
-def _last_row(rows, number, placement, joint=None):
-    """The FileRow of a frame placed in that of a row; what leads to it is added."""
-    *before, last = mdh_from_placement(placement)
-    for row in before:
-        rows.append(ParRow(number, row))
-        number = len(rows)
-    return ParRow(number, last, joint)
+def _make_row(rows: list[ParRow], antecedent: int, placement: ScalarArray, joint: Joint | None = None) -> ParRow:
+    """Return the row of a frame placed in that of a row; append to `rows` the fixed frames before it."""
+    *fixed_frames, last = mdh_from_placement(placement)
+    for parameters in fixed_frames:
+        rows.append(ParRow(antecedent, parameters))
+        antecedent = len(rows)
+    return ParRow(antecedent, last, joint)

@@ -1,69 +1,87 @@
 """Robot to the text of a SYMORO+ .par, which `read_par` reads back.
 
-Rows are frames of the robot, in the order of its links, then what else has a name. Comments tell the names:
+Rows are frames of the robot, in the order of its links, then the other named frames. Comments contain the names:
 
     (* Joints = 'shoulder', 'elbow' *)
     (* Links = 'base', 'upper_arm', 'forearm' *)
     (* Loops = 'knee' *)
     (* Frames = 'forearm' 4, 'tool' 5 *)
 
-Links are the base and the bodies of the rows that a joint moves, in their order, those of cut joints last. Loops are
-told in the order of the rows of their frames k. Frames tells the row of each named frame, moved or fixed, 0 the base. A
-link that is not among them has its named frame at its own row; one that is has its named frame, in which wrenches on it
-are given, there, while its row is where the joint moves it. Fixed rows that Frames does not name only lead to others.
+Links are the base and the bodies of the rows with a joint, in their order, those of cut joints last. Loops are in the
+order of the rows of their frames k. Frames contains the row of each named frame, moved or fixed, 0 for the base. A link
+that is not in Frames has its named frame at its own row. A link in Frames has its named frame, in which wrenches on it
+are expressed, at that row, while its own row is where the joint moves it. Fixed rows without a name in Frames only lead
+to others.
 """
 
 import unicodedata
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import format_angle, format_number
-from robot_dynamics.model.formats.par.document import MAX_PAR_LENGTH, MAX_ROWS
-from robot_dynamics.model.formats.par.table import ParRow, build_par_table
+from robot_dynamics.model.formats.par.document import GEOMETRY, MAX_PAR_LENGTH, MAX_ROWS
+from robot_dynamics.model.formats.par.table import ParRow, ParTable, build_par_table
 from robot_dynamics.model.inertia import INERTIA_ENTRIES
-from robot_dynamics.model.joint import Limits
+from robot_dynamics.model.joint import Joint, Limits
 from robot_dynamics.model.mdh import MDHParameters
+from robot_dynamics.model.robot import Robot
 
 ANGLES = ("gamma", "alpha", "theta")
 DRIVE = {"IA": "rotor_inertia", "FV": "viscous_friction", "FS": "coulomb_friction"}
 
 
-def write_par(robot, *, lossy=False):
-    """The text of a Robot in the frames that it has; see `minimal_frames` for those with the fewest numbers.
+def write_par(robot: Robot, *, lossy: bool = False) -> str:
+    """Return the text of a SYMORO+ .par that describes a robot in its own frames.
 
-    lossy: leave out what a .par cannot say (limits, joints that follow others, rest and damping of springs, springs
-    beside motors, brakes, initial positions, loops cut at ball joints, links that bend, what the platform is) and tell
-    so in comments, instead of raising. The inertia of a base that stands enters no equation and has no place in the
-    format either: it is left out, and a comment tells.
-    A cut joint that has friction, for which a .par has no place, is written as a joint of the tree, its loop as a weld.
+    Apply `minimal_frames` first for the frames with the fewest numbers. A cut joint with friction, for which a .par has
+    no place, is written as a joint of the tree, and its loop as a weld.
 
-    Raises DescriptionError where something would be lost, a name cannot stand in a comment, or a number is a symbol.
+    Parameters
+    ----------
+    robot : Robot
+        The robot.
+    lossy : bool
+        Omit what a .par cannot represent and list it in comments, instead of raising an error.
+
+    Returns
+    -------
+    str
+        The .par. The inertia of a fixed base, which enters no equation and has no place in the format, is always
+        omitted and listed in a comment.
+
+    Raises
+    ------
+    DescriptionError
+        If a .par cannot represent the whole robot: limits, mimic joints, rest and damping of springs, springs at
+        actuated joints, brakes, initial positions, spherical loops, flexible links, platforms. Symbols, and names that
+        cannot stand in a comment, always raise this error.
     """
     for joint in robot.joints:
         if np.asarray(joint.placement).dtype == object:
             raise DescriptionError(f"joint {joint.name!r}: its placement has symbols, and cannot be written as numbers")
-    lost = find_losses(robot)
-    if lost and not lossy:
+    losses = find_losses(robot)
+    if losses and not lossy:
         raise DescriptionError(
-            f"robot {robot.name!r}: a SYMORO+ .par cannot say this: {'; '.join(lost)}. "
-            "Keep another format, or write it lossy (--lossy)"
+            f"robot {robot.name!r}: a SYMORO+ .par cannot represent this: {'; '.join(losses)}. "
+            "Keep another format, or omit it (--lossy)"
         )
-    file = build_par_table(robot)
-    if len(file.rows) > MAX_ROWS:
-        raise DescriptionError(f"robot {robot.name!r} has {len(file.rows)} rows: more than {MAX_ROWS} are not read")
+    table = build_par_table(robot)
+    if len(table.rows) > MAX_ROWS:
+        raise DescriptionError(f"robot {robot.name!r} has {len(table.rows)} rows: the maximum is {MAX_ROWS}")
     text = "\n".join(
         [
             f"(* Robotname = {_quoted(robot.name)} *)",
-            *(f"(* Lost: {sentence} *)" for sentence in (*lost, *find_base_loss(robot))),
-            *_header(robot, file),
-            *_names(robot, file),
+            *(f"(* Lost: {sentence} *)" for sentence in (*losses, *find_base_loss(robot))),
+            *_header(robot, table),
+            *_names(robot, table),
             "\n(* Geometric parameters: m, rad *)",
-            *_geometry(file.rows),
+            *_geometry(table.rows),
             "\n(* Dynamic parameters about the origin of each frame: kg, kg m, kg m^2; at the joint: SI units *)",
-            *_dynamics(robot, file.rows[: file.links]),
+            *_dynamics(robot, table.rows[: table.links]),
             "\n(* Joint parameters: 1 elastic, 0 rigid; N m/rad or N/m *)",
-            *_elasticity(file.rows[: file.joints]),
+            *_elasticity(table.rows[: table.joints]),
             "\n(* Acceleration of gravity: m/s^2 *)",
             _list("G", map(format_number, robot.gravity)),
             "\n(* End of definition *)\n",
@@ -71,118 +89,134 @@ def write_par(robot, *, lossy=False):
     )
     if len(text) > MAX_PAR_LENGTH:
         raise DescriptionError(
-            f"robot {robot.name!r} takes {len(text)} characters: more than {MAX_PAR_LENGTH} are not read"
+            f"the .par of robot {robot.name!r} has {len(text)} characters: the maximum is {MAX_PAR_LENGTH}"
         )
     return text
 
 
-def find_losses(robot):
-    """What the format has no place for: sentences."""
-    lost = []
+def find_losses(robot: Robot) -> list[str]:
+    """Return what a .par cannot represent of a robot, as sentences."""
+    losses = []
     for joint in robot.joints:
-        spring, what = joint.spring, []
-        if joint.mimic is not None:
-            what.append(f"follows joint {_quoted(joint.mimic.joint)}")
-        if joint.limits != Limits():
-            what.append("has limits")
-        if joint.initial_position != 0:
-            what.append("has an initial position")
-        if joint.brake:
-            what.append("has a brake")
-        if spring is not None and joint.actuated:
-            what.append("has a spring beside its motor")
-        elif spring is not None:
-            told = {"rest": "another rest position of its spring than zero", "damping": "damping of its spring"}
-            what += [f"has {what_is}" for key, what_is in told.items() if getattr(spring, key) != 0]
-        lost += [f"joint {_quoted(joint.name)} {' and '.join(what)}"] if what else []
+        joint_losses = _joint_losses(joint)
+        if joint_losses:
+            losses.append(f"joint {_quoted(joint.name)} {' and '.join(joint_losses)}")
+    losses += [f"loop {_quoted(loop.name)} is cut at a ball joint" for loop in robot.loops if loop.is_spherical]
+    losses += [f"link {_quoted(link.name)} is flexible" for link in robot.links if link.flexibility is not None]
+    is_tree = all(loop.is_spherical for loop in robot.loops)
     roles = {joint.role for joint in robot.joints}
-    lost += [f"loop {_quoted(loop.name)} is cut at a ball joint" for loop in robot.loops if loop.is_spherical]
-    lost += [f"link {_quoted(link.name)} bends" for link in robot.links if link.flexibility is not None]
-    tree = all(loop.is_spherical for loop in robot.loops)
-    if tree and "passive" in roles and roles <= {"passive", "elastic"}:
-        lost.append("joints are passive, which is understood only where one joint at least is actuated")
+    if is_tree and "passive" in roles and roles <= {"passive", "elastic"}:
+        losses.append("joints are passive, which needs at least one actuated joint")
     for platform in robot.platforms:
-        name, free = robot.links[platform.link].name, ", ".join(platform.free)
-        lost.append(f"link {_quoted(name)} is the platform, and free to move by {free}")
-    return lost
+        name = _quoted(robot.links[platform.link].name)
+        losses.append(f"link {name} is the platform, free to move in {', '.join(platform.free)}")
+    return losses
 
 
-def _header(robot, file):
-    chain = all(row.antecedent == number for number, row in enumerate(file.rows))
-    kind = 2 if file.loops else 0 if chain else 1
-    sizes = [f"NL = {file.links}", f"NJ = {file.joints}", f"NF = {len(file.rows)}"]
+def _joint_losses(joint: Joint) -> list[str]:
+    """Return what a .par cannot represent of a joint, as phrases."""
+    losses = []
+    if joint.mimic is not None:
+        losses.append(f"mimics joint {_quoted(joint.mimic.joint)}")
+    if joint.limits != Limits():
+        losses.append("has limits")
+    if joint.initial_position != 0:
+        losses.append("has an initial position")
+    if joint.brake:
+        losses.append("has a brake")
+    if joint.spring is not None and joint.actuated:
+        losses.append("has a spring beside its motor")
+    elif joint.spring is not None:
+        if joint.spring.rest != 0:
+            losses.append("has a spring with a rest position other than zero")
+        if joint.spring.damping != 0:
+            losses.append("has a spring with damping")
+    return losses
+
+
+def _header(robot: Robot, table: ParTable) -> list[str]:
+    """Return the lines of the header."""
+    is_chain = all(row.antecedent == number for number, row in enumerate(table.rows))
+    kind = 2 if table.loops else 0 if is_chain else 1
+    sizes = [f"NL = {table.links}", f"NJ = {table.joints}", f"NF = {len(table.rows)}"]
     return [*sizes, f"Type = {kind}", f"is_floating = {int(robot.moving_base)}", "is_mobile = 0"]
 
 
-def _names(robot, file):
-    told = {
+def _names(robot: Robot, table: ParTable) -> list[str]:
+    """Return the comments with names."""
+    names = {
         "Joints": [_quoted(joint.name) for joint in robot.joints],
         "Links": [_quoted(link.name) for link in robot.links],
-        "Loops": [_quoted(loop.name) for loop in file.loops],
-        "Frames": [f"{_quoted(name)} {row}" for name, row in file.frames.items()],
+        "Loops": [_quoted(loop.name) for loop in table.loops],
+        "Frames": [f"{_quoted(name)} {row}" for name, row in table.frames.items()],
     }
-    if not file.loops:
-        del told["Loops"]
-    if not file.frames and len(file.rows) == len(robot.joints):
-        del told["Frames"]
-    return [f"(* {kind} = {', '.join(names)} *)" for kind, names in told.items()]
+    if not table.loops:
+        del names["Loops"]
+    if not table.frames and len(table.rows) == len(robot.joints):
+        del names["Frames"]
+    return [f"(* {kind} = {', '.join(kind_names)} *)" for kind, kind_names in names.items()]
 
 
-def _quoted(name):
-    """A name as it stands in a comment."""
-    told = f"'{name}'"
-    if "'" in name or "(*" in told or "*)" in told or any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
+def _quoted(name: str) -> str:
+    """Return a name as it stands in a comment. Raises DescriptionError where it cannot."""
+    quoted = f"'{name}'"
+    if "'" in name or "(*" in quoted or "*)" in quoted or any(unicodedata.category(c) in ("Cc", "Cs") for c in name):
         raise DescriptionError(f"name {name!r} cannot stand in a comment of a .par: no quote, no (* *), no line break")
-    return told
+    return quoted
 
 
-def _geometry(rows):
-    told = {"ant": [], "sigma": [], "b": [], "d": [], "r": [], "gamma": [], "alpha": [], "mu": [], "theta": []}
-    for number, (antecedent, row, joint, _) in enumerate(rows, start=1):
-        told["ant"].append(str(antecedent))
-        told["sigma"].append("2" if joint is None else "1" if joint.prismatic else "0")
-        told["mu"].append(str(int(joint is not None and joint.actuated)))
+def _geometry(rows: Iterable[ParRow]) -> list[str]:
+    """Return the lines of the geometric parameters."""
+    lists: dict[str, list[str]] = {key: [] for key in GEOMETRY}
+    for number, (antecedent, parameters, joint, _) in enumerate(rows, start=1):
+        lists["ant"].append(str(antecedent))
+        lists["sigma"].append("2" if joint is None else "1" if joint.prismatic else "0")
+        lists["mu"].append(str(int(joint is not None and joint.actuated)))
         entries = {
-            key: (format_angle if key in ANGLES else format_number)(value) for key, value in row._asdict().items()
+            key: (format_angle if key in ANGLES else format_number)(value)
+            for key, value in parameters._asdict().items()
         }
         if joint is not None:
             key, variable = ("r", f"r{number}") if joint.prismatic else ("theta", f"th{number}")
-            entries[key] = _variable(variable, entries[key])
+            entries[key] = _add_constant(variable, entries[key])
         for key, entry in entries.items():
-            told[key].append(entry)
-    return [_list(key, entries) for key, entries in told.items()]
+            lists[key].append(entry)
+    return [_list(key, entries) for key, entries in lists.items()]
 
 
-def _variable(name, constant):
-    """The joint variable and the text of the constant beside it."""
+def _add_constant(variable: str, constant: str) -> str:
+    """Return the text of a joint variable plus a constant."""
     if constant == "0":
-        return name
-    return f"{name} - {constant[1:]}" if constant.startswith("-") else f"{name} + {constant}"
+        return variable
+    return f"{variable} - {constant[1:]}" if constant.startswith("-") else f"{variable} + {constant}"
 
 
-def _dynamics(robot, rows):
+def _dynamics(robot: Robot, rows: Sequence[ParRow]) -> list[str]:
+    """Return the lines of the dynamic parameters; link 0 is first where the base moves."""
     bodies = [ParRow(0, MDHParameters(), None, robot.links[0].inertia), *rows] if robot.moving_base else rows
-    told = {
+    lists = {
         key.upper(): [body.inertia.second_moments[index] for body in bodies] for key, index in INERTIA_ENTRIES.items()
     }
-    told |= {key: [body.inertia.first_moments[k] for body in bodies] for k, key in enumerate(("MX", "MY", "MZ"))}
-    told["M"] = [body.inertia.mass for body in bodies]
-    told |= {key: [getattr(body.joint, name, 0) for body in bodies] for key, name in DRIVE.items()}
-    lists = [_list(key, map(format_number, numbers)) for key, numbers in told.items()]
-    return lists
+    lists |= {key: [body.inertia.first_moments[k] for body in bodies] for k, key in enumerate(("MX", "MY", "MZ"))}
+    lists["M"] = [body.inertia.mass for body in bodies]
+    lists |= {key: [getattr(body.joint, name, 0) for body in bodies] for key, name in DRIVE.items()}
+    return [_list(key, map(format_number, numbers)) for key, numbers in lists.items()]
 
 
-def find_base_loss(robot):
-    """A sentence where the base stands and has inertia, which is left out of the file; else none."""
-    told = not robot.moving_base and np.any(robot.links[0].inertia.spatial)
-    return ["the inertia of the base, which stands: it enters no equation"] if told else []
+def find_base_loss(robot: Robot) -> list[str]:
+    """Return a sentence where a fixed base has inertia, which the file omits; else an empty list."""
+    has_loss = not robot.moving_base and np.any(robot.links[0].inertia.spatial)
+    return ["the inertia of the fixed base, which enters no equation"] if has_loss else []
 
 
-def _elasticity(rows):
-    stiffness = [row.joint.spring.stiffness if getattr(row.joint, "role", "") == "elastic" else None for row in rows]
-    eta = ["0" if k is None else "1" for k in stiffness]
-    return [_list("eta", eta), _list("k", ("0" if k is None else format_number(k) for k in stiffness))]
+def _elasticity(rows: Iterable[ParRow]) -> list[str]:
+    """Return the lines of the joint parameters."""
+    springs = [row.joint.spring if row.joint is not None and row.joint.role == "elastic" else None for row in rows]
+    eta = ["0" if spring is None else "1" for spring in springs]
+    stiffness = ["0" if spring is None else format_number(spring.stiffness) for spring in springs]
+    return [_list("eta", eta), _list("k", stiffness)]
 
 
-def _list(key, entries):
+def _list(key: str, entries: Iterable[str]) -> str:
+    """Return the line of a list."""
     return f"{key} = {{{','.join(entries)}}}"
