@@ -6,7 +6,8 @@ import pytest
 import rclpy
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.processes import running_node
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

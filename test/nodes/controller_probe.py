@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
 Q = np.array([0.1, -0.3, 0.2, -1.9, 0.1, 1.8, 0.5])

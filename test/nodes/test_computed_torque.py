@@ -12,7 +12,8 @@ from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_twist
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import write_twist
 from robot_dynamics.nodes.computed_torque.node import ComputedTorque
 
 LIBRARY = Dynamics(load_robot("panda"), compiled=False)
@@ -205,8 +206,8 @@ def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
         ({"mode": 3}, "a text is needed"),
         ({"friction_velocity": "mesured"}, "did you mean 'measured'"),
         ({"kp": [1.0, 2.0]}, "kp has 2 values: 7 are needed"),
-        ({"kp": [-1.0]}, "zero or more"),
-        ({"kd": float("nan")}, "zero or more"),
+        ({"kp": [-1.0]}, "0 or more"),
+        ({"kd": float("nan")}, "0 or more"),
         ({"effort_limits": [1.0]}, "effort_limits has 1 values: 7 are needed"),
         ({"without_reference": "hold"}, "known are gravity, damp, zero"),
         ({"state_timeout": 0.0}, "0.0001 or more"),

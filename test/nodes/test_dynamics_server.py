@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.dynamics import BASE_ROWS
-from robot_dynamics.nodes.processes import ServiceClient
+from robot_dynamics.nodes.client import ServiceClient
 
 
 def test_inverse_and_direct_answer_as_the_library(client, panda, panda_dynamics):

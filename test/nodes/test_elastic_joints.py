@@ -149,7 +149,7 @@ BAD = {
     "effort of a spring": (given("effort", 0.5), r"joint 'spring_1': no motor drives it"),
     "nan of a motor": (inverse_request(JOINTS, Q, QD, QDD * np.nan), "a finite number is needed"),
     "nan of a position": (inverse_request(JOINTS, Q + QDD, QD, QDD), "a finite number is needed"),
-    "velocities at rest": (with_velocities(), "points[1].velocities has values: it is part of the answer"),
+    "velocities at rest": (with_velocities(), "points[1].velocities has values: the service computes it"),
     "a spring left out": (inverse_request(JOINTS[:8], Q[:, :8], QD[:, :8], QDD[:, :8]), "joints missing"),
 }
 

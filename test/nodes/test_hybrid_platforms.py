@@ -109,5 +109,5 @@ def test_what_does_not_fit_is_told_and_the_node_serves_on(client, stack):
     assert "did you mean 'upper'" in asked(names=["lower", "uper"]).message
     assert "has 1 entries: 2 are needed, of " in asked(links=["lower"]).message
     told = asked(velocities=np.ones(len(dynamics.joint_names))).message
-    assert "base tells how the platform moves" in told and "points[0].velocities" in told
+    assert "base has the motion of the platform" in told and "points[0].velocities" in told
     assert asked().success

@@ -23,7 +23,7 @@ from nodes.service_requests import (
 from peers.real_robots import without_inertials
 
 from robot_dynamics import shipped_robots
-from robot_dynamics.nodes.processes import ServiceClient
+from robot_dynamics.nodes.client import ServiceClient
 
 SAID = "none of its moving links has a mass"
 WHOLE = shipped_robots()["panda"].read_text()

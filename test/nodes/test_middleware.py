@@ -9,14 +9,19 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-import rclpy
 from nodes.controller_probe import ControllerProbe
 
 from robot_dynamics.nodes import middleware
 from robot_dynamics.nodes.middleware import PROFILES, shared_memory, without_shared_memory
 from robot_dynamics.nodes.processes import running_node, terminate_process
 
-NAMES = (*middleware.PROFILE_VARIABLES, middleware.TRANSPORTS, middleware.RANGE, middleware.ONLY_HERE, middleware.PEERS)
+NAMES = (
+    *middleware.PROFILE_VARIABLES,
+    middleware.TRANSPORTS,
+    middleware.RANGE,
+    middleware.LOCALHOST_ONLY,
+    middleware.PEERS,
+)
 WARNING = "the middleware uses shared memory (/dev/shm/fast"
 
 
@@ -142,6 +147,6 @@ def test_a_static_peer_without_an_address_is_refused(monkeypatch):
 
 def test_another_middleware_is_left_alone(monkeypatch):
     before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-    monkeypatch.setattr(rclpy, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    monkeypatch.setattr(middleware, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
     with without_shared_memory():
         assert dict(os.environ) == before

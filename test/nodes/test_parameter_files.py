@@ -124,7 +124,7 @@ def test_no_parameter_can_be_removed_and_lists_are_shown_as_lists(client, start_
         ("mobile_base_simulator", {"initial.pose": []}, "parameter initial.pose is []: 7 numbers are needed"),
         ("mobile_base_simulator", {"step": []}, "parameter step is []: a number is needed"),
         ("computed_torque", {"kp": []}, "parameter kp has 0 values: 7 are needed"),
-        ("computed_torque", {"kd": [-1.0, 2.0]}, "parameter kd is [-1.0, 2.0]: numbers of zero or more"),
+        ("computed_torque", {"kd": [-1.0, 2.0]}, "parameter kd is [-1.0, 2.0]: numbers of 0 or more"),
         ("computed_torque", {"mode": []}, "parameter mode is []: a text is needed"),
         ("dynamics_server", {"payload.first_moments": []}, "payload.first_moments is []: 3 numbers are needed"),
     ],

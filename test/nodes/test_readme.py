@@ -23,10 +23,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli import excite
+from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS as CONTROL_PARAMETERS
 from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
-from robot_dynamics.nodes.processes import ServiceClient, running_node
-from robot_dynamics.nodes.replay_check.node import PARAMETERS as REPLAY_PARAMETERS
+from robot_dynamics.nodes.processes import running_node
+from robot_dynamics.nodes.replay_check.parameters import PARAMETERS as REPLAY_PARAMETERS
 from robot_dynamics.nodes.robot_source import PARAMETERS
 
 from .simulator_probe import SimulatorProbe, seconds

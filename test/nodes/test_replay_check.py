@@ -15,7 +15,8 @@ from std_srvs.srv import Trigger
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.model.placement import to_scipy_rotation
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_pose, write_twist
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import write_pose, write_twist
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
 
 from .controller_probe import DEEP, to_time
@@ -202,7 +203,7 @@ def test_other_orders_and_topics_are_taken_and_what_is_wrong_is_said(fresh):
     assert np.isnan(residuals[:, 6]).all()
     report = fresh.call_trigger("report")
     assert not report.success and report.message.count("  passed") == 6 and "  FAILED" in report.message
-    fresh.wait_until(lambda: fresh.has_diagnostic("nobody tells of panda_joint1"), "that nothing comes any more")
+    fresh.wait_until(lambda: fresh.has_diagnostic("no messages on panda_joint1"), "that nothing comes any more")
 
 
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
@@ -236,7 +237,7 @@ def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(wat
         ({"drives": str(tmp_path / "drives.yaml")}, "did you mean"),
         ({"tolerances": "nowhere.yaml"}, "nowhere.yaml"),
         ({"cutoff": -1.0}, "0.1 or more"),
-        ({"topics": ["others"]}, "read when the node begins"),
+        ({"topics": ["others"]}, "is read at startup"),
     ):
         result = watch.client.set_parameters(watch.name, values)
         assert not result.successful and reason in result.reason

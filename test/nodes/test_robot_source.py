@@ -23,7 +23,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.processes import running_node
 
 GOOD = real_urdf("ur5")
 REFUSED = {

@@ -9,8 +9,8 @@ from peers.real_robots import real_urdf
 from robot_dynamics import load_robot
 from robot_dynamics.nodes.mobile_base_simulator.parameters import (
     PARAMETERS,
-    joint_limit_warnings,
     build_simulation,
+    joint_limit_warnings,
     validate_parameter,
 )
 from robot_dynamics.nodes.processes import running_node

@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.nodes.qos import LATCHED_QOS
 

@@ -22,7 +22,7 @@ from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.codecs.base_odometry import BaseOdometryReader
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.codecs.joint_states import JointStateReader
 from robot_dynamics.nodes.codecs.references import read_reference, read_reference_point
 from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
@@ -36,10 +36,10 @@ from robot_dynamics.nodes.computed_torque.parameters import (
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, DurationStatistics
 from robot_dynamics.nodes.message_info import MessageInfoCallback
 from robot_dynamics.nodes.parameters import declare_parameters, try_parameter_change
-from robot_dynamics.nodes.processes import make_events_executor, run_node
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
 from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.runner import make_events_executor, run_node
 
 RCLError = rclpy_implementation.RCLError
 STANDSTILL = 1.0  # [s] of the machine without a state, after which a clock that does not go on is no reason to wait

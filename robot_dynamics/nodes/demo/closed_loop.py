@@ -23,7 +23,8 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import MissingPackageError, RobotDynamicsError
 from robot_dynamics.model.loading import load_robot
-from robot_dynamics.nodes.codecs.geometry import read_twist, to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import read_twist
 from robot_dynamics.nodes.demo.bag_recorder import BagRecorder
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.recordings.bags import import_rosbag2

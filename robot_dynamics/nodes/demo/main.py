@@ -16,7 +16,8 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.model.loading import load_robot
-from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.version import package_version
 from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
 

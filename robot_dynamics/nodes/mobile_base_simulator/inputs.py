@@ -4,9 +4,11 @@ import numpy as np
 
 from robot_dynamics.control.reference import Trajectory
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.nodes.codecs.geometry import read_twist, read_wrench, to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import read_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
 from robot_dynamics.nodes.codecs.references import read_reference
+from robot_dynamics.nodes.codecs.wrenches import read_wrench
 
 
 class SimulatorInputs:

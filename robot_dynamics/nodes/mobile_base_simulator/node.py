@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.nodes.clocks import CLOCK_TOPIC, ClockMonitor
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Diagnostics, DurationStatistics
 from robot_dynamics.nodes.mobile_base_simulator import outputs as outputs
 from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs
@@ -30,10 +30,10 @@ from robot_dynamics.nodes.mobile_base_simulator.parameters import (
     validate_parameter,
 )
 from robot_dynamics.nodes.parameters import declare_parameters, try_parameter_change
-from robot_dynamics.nodes.processes import make_events_executor, run_node
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS, LATEST_ONLY_QOS
 from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.runner import make_events_executor, run_node
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.geometry import QUATERNION_NORM_TOLERANCE
-from robot_dynamics.nodes.parameters import convert_parameter, parse_names, parse_integer, parse_numbers
+from robot_dynamics.nodes.parameters import convert_parameter, parse_integer, parse_names, parse_numbers
 from robot_dynamics.simulation import Ground, Simulation, Wheel
 
 # name: (default, what it is)
