@@ -1,4 +1,4 @@
-"""The executables of the nodes. They import ROS when they run; without it they end with one line that names a remedy."""
+"""The executables of the nodes. They import ROS when they run; without it they end with a line that names a remedy."""
 
 import sys
 from importlib import import_module

@@ -213,7 +213,7 @@ def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
         ({"state_timeout": 0.0}, "0.0001 or more"),
         ({"ramp_time": float("inf")}, "0 or more"),
         ({"deadline_misses": 0}, "a whole number from 1 on"),
-        ({"joints": PANDA}, "clean it up before"),
+        ({"joints": PANDA}, "call cleanup first"),
         ({"robot_file": "ur5e"}, "deactivate the node"),
         ({"payload.link": "hand"}, "unknown link 'hand'"),
     ):

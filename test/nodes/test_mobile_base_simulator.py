@@ -186,7 +186,7 @@ def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
         ({"ground.points": ["foot"]}, "unknown link 'foot'"),
         ({"base_motion": "rolling"}, "fixed, free, planar"),
         ({"initial.pose": [0.0] * 7}, "quaternion of norm 0"),
-        ({"stamped_cmd_vel": True}, "when the node begins"),
+        ({"stamped_cmd_vel": True}, "is read at startup"),
         ({"seed": -1}, "from 0 on"),
         ({"moved_by": "magic"}, "efforts or reference"),
     ):

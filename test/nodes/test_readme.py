@@ -193,7 +193,7 @@ def test_table_of_parameters_is_that_of_the_node():
     rows = dict(re.findall(r"^\| `([a-z_.]+)` \| (.*?)\|", README.split("## Parameters")[1], re.MULTILINE))
     assert list(rows) == list(PARAMETERS)
     for name, told in rows.items():
-        default = PARAMETERS[name][0]
+        default = PARAMETERS[name].default
         assert (yaml.safe_load(told.strip(" `")) if told else "") == default, name
 
 
@@ -223,7 +223,7 @@ def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
     rows = dict(re.findall(r"^\| `([a-z_]+)` \| (.*?)\|", table, re.MULTILINE))
     assert list(rows) == list(CONTROL_PARAMETERS)
     for name, told in rows.items():
-        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name][0], name
+        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name].default, name
 
 
 def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
@@ -278,7 +278,7 @@ def test_simulators_of_the_readme_run_and_take_its_messages(client):
 def test_commands_of_the_readme_are_published_faster_than_they_time_out():
     """What is published once a second, as `ros2 topic pub` does by itself, acts for a tenth of the time."""
     wheels = started_as(next(c for c in words(".venv/bin/mobile_base_simulator") if "--params-file" in c))[0]
-    default, _ = simulator_parameters.PARAMETERS["command_timeout"]
+    default = simulator_parameters.PARAMETERS["command_timeout"].default
     published = [command[3:] for command in words("ros2 topic pub")]
     assert len(published) == 4
     for first, *others in published:
@@ -359,8 +359,10 @@ def test_table_of_the_simulators_parameters_is_that_of_the_node():
     rows = re.findall(r"^\| ([a-z_.]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
     assert [name for name, _, _ in rows] == list(simulator_parameters.PARAMETERS)
     for name, default, description in rows:
-        assert (yaml.safe_load(default.strip("`")) if default else "") == simulator_parameters.PARAMETERS[name][0], name
-        assert description == simulator_parameters.PARAMETERS[name][1], name
+        assert (yaml.safe_load(default.strip("`")) if default else "") == simulator_parameters.PARAMETERS[
+            name
+        ].default, name
+        assert description == simulator_parameters.PARAMETERS[name].description, name
 
 
 def test_replay_check_of_the_readme_reports(client):
@@ -379,7 +381,8 @@ def test_table_of_parameters_of_replay_check_is_that_of_the_node():
     rows = re.findall(r"^\| ([a-z_]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
     assert [name for name, _, _ in rows] == list(REPLAY_PARAMETERS)
     for name, default, description in rows:
-        assert ((yaml.safe_load(default.strip("`")) if default else ""), description) == REPLAY_PARAMETERS[name], name
+        assert (yaml.safe_load(default.strip("`")) if default else "") == REPLAY_PARAMETERS[name].default, name
+        assert description == REPLAY_PARAMETERS[name].description, name
 
 
 def test_messages_in_the_table_of_failures_are_said_by_the_code():

@@ -7,12 +7,8 @@ import pytest
 from peers.real_robots import real_urdf
 
 from robot_dynamics import load_robot
-from robot_dynamics.nodes.mobile_base_simulator.parameters import (
-    PARAMETERS,
-    build_simulation,
-    joint_limit_warnings,
-    validate_parameter,
-)
+from robot_dynamics.nodes.mobile_base_simulator.parameters import PARAMETERS
+from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import build_simulation, joint_limit_warnings
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.simulation import Simulation
 
@@ -25,10 +21,7 @@ SLIDE = """<robot name="slide"><link name="base"/><link name="cart"><inertial><m
 
 
 def begun(robot, **told):
-    values = {
-        name: validate_parameter(name, told.get(name.replace(".", "_"), default))
-        for name, (default, _) in PARAMETERS.items()
-    }
+    values = {name: spec.validate(told.get(name.replace(".", "_"), spec.default)) for name, spec in PARAMETERS.items()}
     return build_simulation(values, robot).simulation
 
 

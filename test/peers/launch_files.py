@@ -1,5 +1,7 @@
-"""What launch files start, for machines without `launch`, which is no wheel: the few of its classes that our files use,
-with the rules of `ros2 launch` (launch 3.4, launch_ros 0.26)."""
+"""The nodes that launch files start, on machines without `launch`, which is not among the wheels of ROS.
+
+It has the few classes that our files use, with the rules of `ros2 launch` (launch 3.4, launch_ros 0.26).
+"""
 
 import importlib.util
 import sys
@@ -68,7 +70,7 @@ class Node:
     def arguments(self, context, folder):
         """What follows --ros-args on the command line; dicts of parameters are written into files in a folder."""
         namespace = performed(self.namespace, context)
-        told = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
+        words = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
         for number, parameters in enumerate(self.parameters):
             if isinstance(parameters, dict):
                 values = {name: _parameter(value, context) for name, value in parameters.items()}
@@ -76,10 +78,10 @@ class Node:
                 path.write_text(yaml.dump({"/**": {"ros__parameters": values}}))
             else:
                 path = performed(parameters, context)
-            told += ["--params-file", str(path)]
+            words += ["--params-file", str(path)]
         for old, new in self.remappings:
-            told += ["-r", f"{performed(old, context)}:={performed(new, context)}"]
-        return told
+            words += ["-r", f"{performed(old, context)}:={performed(new, context)}"]
+        return words
 
 
 def _parameter(value, context):
@@ -104,6 +106,7 @@ SUBSTITUTIONS = {
 }
 MODULES = {
     "launch": {"LaunchDescription": lambda entities: SimpleNamespace(entities=entities)},
+    "launch.substitution": {"Substitution": _Substitution},
     "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument},
     "launch.substitutions": SUBSTITUTIONS,
     "launch_ros": {},
@@ -113,9 +116,14 @@ MODULES = {
 }
 
 
+IMPORTERS = ("robot_dynamics.nodes.launching",)  # modules that import the classes above
+
+
 def description(path):
     """The entities of the launch file at a Path: DeclareLaunchArguments and Nodes."""
-    before = {name: sys.modules.get(name) for name in MODULES}
+    before = {name: sys.modules.get(name) for name in (*MODULES, *IMPORTERS)}
+    for name in IMPORTERS:
+        sys.modules.pop(name, None)
     try:
         for name, members in MODULES.items():
             sys.modules[name] = ModuleType(name)
@@ -127,7 +135,7 @@ def description(path):
     finally:
         for name, module in before.items():
             if module is None:
-                del sys.modules[name]
+                sys.modules.pop(name, None)
             else:
                 sys.modules[name] = module
 

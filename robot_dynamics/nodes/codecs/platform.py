@@ -95,7 +95,7 @@ def read_platform_motion(
 
 
 def read_platform_at_rest(request: Request, order: JointOrder, times: Sequence[int], namespace: str) -> PlatformMotion:
-    """Return the poses of platforms at rest; velocities that are not zero are refused. Arguments: `read_platform_motion`."""
+    """Return the poses of platforms at rest, as `read_platform_motion`; velocities that are not zero are refused."""
     motion = read_platform_motion(request, order, times, namespace, has_accelerations=False, at_rest=True)
     twists = motion.twist.values() if isinstance(motion.twist, dict) else [motion.twist]
     if np.any([twist.any() for twist in twists]):

@@ -1,4 +1,4 @@
-"""The control loop of computed_torque: states and references in, efforts out. It exists while the node is configured."""
+"""The control loop of computed_torque: states and references in, efforts out, while the node is configured."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -54,6 +54,19 @@ class ControlStatistics:
     saturated: int = 0
     out_of_order: int = 0  # over the whole time
 
+    def take(self, elapsed: float) -> dict[str, object]:
+        """Return the entries of a report for the last `elapsed` seconds, and start the next period."""
+        entries = {
+            **self.latencies.take("efforts", elapsed),
+            **self.state_ages.take("age of state"),
+            "deadline misses": self.deadline_misses,
+            "saturated": self.saturated,
+            "states out of order": self.out_of_order,
+        }
+        self.deadline_misses = 0
+        self.saturated = 0
+        return entries
+
 
 class ControlLoop:
     """Streams efforts for states and references while it is active.
@@ -88,7 +101,9 @@ class ControlLoop:
         self._logger = logger
         self._joint_states = self._joint_state_reader(law)
         self._base = self._base_reader(law)
-        self._restart_times()
+        self._last_state_time = -inf  # [s] by the clock of the node
+        self._last_tick: float | None = None  # [s] by the clock of the node
+        self._received_at = inf  # [s] by that of the machine
 
     @property
     def law(self) -> ControlLaw:
@@ -104,7 +119,9 @@ class ControlLoop:
     def activate(self) -> None:
         """Start with no state, no reference and zero efforts."""
         self.controller.restart()
-        self._restart_times()
+        self._last_state_time = -inf
+        self._last_tick = None
+        self._received_at = inf
         self._times.restart()
         self.is_active = True
 
@@ -189,11 +206,6 @@ class ControlLoop:
         published = now - self._times.transit_time(message, info)
         self.controller.track_point(now, self._start_time(message, published), point)
 
-    def _restart_times(self) -> None:
-        self._last_state_time = -inf  # [s] by the clock of the node
-        self._last_tick: float | None = None  # [s] by the clock of the node
-        self._received_at = inf  # [s] by that of the machine
-
     def _joint_state_reader(self, law: ControlLaw) -> JointStateReader:
         return JointStateReader(law.dynamics, law.joints, self._namespace, law.q, law.qd, law.dependent_positions)
 
@@ -244,7 +256,7 @@ class ControlLoop:
 
 
 def _describe_age(age: float, is_unstamped: bool) -> str:
-    """Return the reason to reject a state of this age [s], by its transit time if it has no stamp, else by its stamp."""
+    """Return the reason to reject a state of this age [s], which is a time in transit if the state has no stamp."""
     if is_unstamped:
         return f"joint_states were in transit for {age:.3f} s"
     if age > 0:

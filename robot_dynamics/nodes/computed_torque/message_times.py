@@ -4,7 +4,7 @@ from time import time_ns
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
-from rclpy.clock import ROSClock
+from rclpy.clock import Clock, ROSClock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
@@ -16,7 +16,8 @@ from robot_dynamics.nodes.message_info import MessageInfo
 class MessageTimes:
     """Times [s] since the node was made: small numbers, which a float resolves to the nanosecond."""
 
-    def __init__(self, clock: ROSClock) -> None:
+    def __init__(self, clock: Clock) -> None:
+        assert isinstance(clock, ROSClock), "the clock of a node is one"
         self._clock = clock
         self._epoch = clock.now().nanoseconds
         self._transits = {kind: TransitTimes() for kind in (JointState, Odometry, JointTrajectory)}

@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.lifecycle import LifecycleNode
+from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -16,7 +17,7 @@ from robot_dynamics.array_types import Array
 from robot_dynamics.control.controller import Controller
 from robot_dynamics.nodes.qos import LATEST_ONLY_QOS
 
-QOS_OVERRIDES = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
+QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 class ControlOutputs:
@@ -24,11 +25,14 @@ class ControlOutputs:
 
     def __init__(self, node: LifecycleNode) -> None:
         self._clock = node.get_clock()
-        self._commands = node.create_publisher(Float64MultiArray, "~/commands", LATEST_ONLY_QOS, **QOS_OVERRIDES)
-        self._effort = node.create_publisher(JointState, "~/effort", LATEST_ONLY_QOS, **QOS_OVERRIDES)
-        self._state = node.create_publisher(JointTrajectory, "~/state", LATEST_ONLY_QOS, **QOS_OVERRIDES)
+        self._commands = self._publisher(node, Float64MultiArray, "~/commands")
+        self._effort = self._publisher(node, JointState, "~/effort")
+        self._state = self._publisher(node, JointTrajectory, "~/state")
         self._state_published_at = -np.inf
         self.configure(())
+
+    def _publisher(self, node: LifecycleNode, kind: type, topic: str) -> Publisher:
+        return node.create_publisher(kind, topic, LATEST_ONLY_QOS, qos_overriding_options=QOS_OVERRIDES)
 
     def configure(self, joints: tuple[str, ...]) -> None:
         """Make the messages for the joints of these names."""

@@ -83,12 +83,8 @@ PARAMETERS = by_name(
         False,
         "control a robot whose description has no masses: friction alone is then compensated",
     ),
-    ParameterSpec(
-        "state_rate", 50.0, "at which ~/state is published, at most [1/s]; 0: never", lower_bound=0.0
-    ),
-    ParameterSpec(
-        "autostart", True, "configure and activate the node when it has a robot", read_at="configuration"
-    ),
+    ParameterSpec("state_rate", 50.0, "at which ~/state is published, at most [1/s]; 0: never", lower_bound=0.0),
+    ParameterSpec("autostart", True, "configure and activate the node when it has a robot", read_at="configuration"),
 )
 
 
