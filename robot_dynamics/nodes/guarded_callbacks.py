@@ -1,4 +1,4 @@
-"""What all callbacks of the nodes do with an exception: it becomes a reason, and the node goes on."""
+"""The handling of exceptions in callbacks of the nodes: each becomes a reason, and the node goes on."""
 
 import traceback
 

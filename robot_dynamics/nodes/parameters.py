@@ -74,9 +74,7 @@ class ParameterSpec:
             needed = f"more than {self.lower_bound:g}" if self.is_bound_excluded else f"{self.lower_bound:g} or more"
             raise InvalidInputError(f"parameter {self.name} is {converted:g}: {needed} is needed, {self.description}")
         if self.choices and converted not in self.choices:
-            raise InvalidInputError(
-                f"parameter {self.name}: {describe_unknown_name(self.name, converted, self.choices)}"
-            )
+            raise InvalidInputError(f"parameter {self.name}: {describe_unknown_name('value', converted, self.choices)}")
         return converted
 
     def _validate_numbers(self, value: object) -> list[float]:

@@ -28,11 +28,11 @@ WARNING = "the middleware uses shared memory (/dev/shm/fast"
 def segments(process):
     """Shared memory of Fast DDS that a process has mapped or holds open."""
     folder = Path(f"/proc/{process.pid}")
-    held = []
+    probe = []
     for file in (folder / "fd").iterdir():
         with suppress(FileNotFoundError):  # closed since the folder was listed
-            held.append(os.readlink(file))
-    text = (folder / "maps").read_text() + "\n".join(held)
+            probe.append(os.readlink(file))
+    text = (folder / "maps").read_text() + "\n".join(probe)
     return sorted(set(middleware.SEGMENT.findall(text)))
 
 
@@ -43,8 +43,8 @@ HERE, ALONE = ({"ROS_AUTOMATIC_DISCOVERY_RANGE": name} for name in ("LOCALHOST",
 def streaming(client, namespace, log, environment):
     """A computed_torque; unless it is alone, its efforts reach this process, and the states of this process it."""
     variables = {**dict.fromkeys(NAMES, ""), **environment}
-    told = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
-    with log.open("w") as file, running_node("computed_torque", told, namespace, variables, file) as process:
+    parameters = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
+    with log.open("w") as file, running_node("computed_torque", parameters, namespace, variables, file) as process:
         stand = ControllerProbe(f"{namespace}/computed_torque", client)
         try:
             if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
@@ -67,7 +67,7 @@ def streaming(client, namespace, log, environment):
     ],
     ids=lambda environment: ",".join(environment.values()),
 )
-def test_the_node_that_streams_uses_no_shared_memory(environment, ros, client, tmp_path):
+def test_streaming_node_uses_no_shared_memory(environment, ros, client, tmp_path):
     assert shared_memory(), "this process does, else it is no peer that does"
     with streaming(client, "/udp", tmp_path / "log", environment) as process:
         assert segments(process) == []
@@ -84,7 +84,7 @@ def test_the_node_that_streams_uses_no_shared_memory(environment, ros, client, t
     ],
     ids=lambda value: ",".join(value.values()) if isinstance(value, dict) else str(value),
 )
-def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, shared, ros, client, tmp_path):
+def test_choices_of_the_user_stay_and_shared_memory_is_reported(environment, shared, ros, client, tmp_path):
     profile = tmp_path / "profile.xml"
     profile.write_text(
         '<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="mine" is_default_profile="true">'
@@ -99,7 +99,7 @@ def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, sha
     assert (WARNING in (tmp_path / "log").read_text()) == shared
 
 
-def test_the_installed_executable_uses_no_shared_memory(ros, client, tmp_path):
+def test_installed_executable_uses_no_shared_memory(ros, client, tmp_path):
     executable = shutil.which("computed_torque", path=str(Path(sys.executable).parent))
     if executable is None:
         pytest.skip("there is no executable computed_torque beside that of Python")
@@ -123,7 +123,7 @@ def set_here(monkeypatch, **environment):
     return dict(os.environ)
 
 
-def test_the_environment_is_what_it_was_afterwards_and_a_profile_of_the_folder_counts(monkeypatch, tmp_path):
+def test_environment_is_restored_and_a_profile_in_the_folder_is_respected(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="127.0.0.5")
     with without_shared_memory():
@@ -139,13 +139,13 @@ def test_the_environment_is_what_it_was_afterwards_and_a_profile_of_the_folder_c
         assert "FASTRTPS_DEFAULT_PROFILES_FILE" in os.environ
 
 
-def test_a_static_peer_without_an_address_is_refused(monkeypatch):
+def test_static_peer_without_an_address_is_refused(monkeypatch):
     set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="no such name")
     with pytest.raises(RuntimeError, match="ROS_STATIC_PEERS names 'no such name'"), without_shared_memory():
         pass
 
 
-def test_another_middleware_is_left_alone(monkeypatch):
+def test_other_middleware_is_not_changed(monkeypatch):
     before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
     monkeypatch.setattr(middleware, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
     with without_shared_memory():

@@ -1,4 +1,4 @@
-"""Where a simulated robot begins: within the limits of its description, and with a warning where it cannot."""
+"""The initial state of a simulated robot: within the limits of its description, else with a warning."""
 
 import time
 
@@ -26,7 +26,7 @@ def begun(robot, **told):
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "z1", "so101", "allegro", "solo12", "hyq"])
-def test_real_robots_begin_within_their_limits(name):
+def test_real_robots_start_within_their_limits(name):
     robot = load_robot(real_urdf(name))
     simulation, resting = begun(robot), Simulation(robot).state.positions
     assert not list(joint_limit_warnings(simulation))
@@ -40,7 +40,7 @@ def test_real_robots_begin_within_their_limits(name):
     "name",
     ["panda", "ur5e", "rx90", "puma560", "manutec_r3", "free_flying_arm", "turtlebot3_burger", "sr400"],
 )
-def test_robots_that_ship_begin_where_their_description_says(name):
+def test_shipped_robots_start_at_the_positions_of_their_description(name):
     robot = load_robot(name)
     simulation, resting = begun(robot), Simulation(robot).state.positions
     moved = {joint for joint, a, b in zip(simulation.joint_names, simulation.state.positions, resting, strict=True)
@@ -51,11 +51,11 @@ def test_robots_that_ship_begin_where_their_description_says(name):
 @pytest.mark.parametrize(
     ("lower", "upper", "position"), [(-1, 1, 0), (0.5, 1.5, 1), (-3, -1, -2), (0.2, 1e300, 0.2), (2, 1, 0)]
 )
-def test_zero_where_it_is_allowed_and_else_the_middle(lower, upper, position):
+def test_initial_position_is_zero_if_allowed_and_else_the_middle_of_the_limits(lower, upper, position):
     assert begun(load_robot(SLIDE.format(lower, upper))).state.positions == pytest.approx([position])
 
 
-def test_what_a_parameter_or_the_description_says_comes_first():
+def test_parameters_and_description_have_priority_over_the_limits():
     robot = load_robot("panda")
     simulation = begun(robot, initial_joints=["panda_joint4"], initial_positions=[0.3])
     assert simulation.state.positions[3] == 0.3 and len(list(joint_limit_warnings(simulation))) == 1
@@ -66,7 +66,7 @@ def test_what_a_parameter_or_the_description_says_comes_first():
     assert simulation.state.positions.tolist() == [2.0] and len(list(joint_limit_warnings(simulation))) == 1
 
 
-def test_a_simulated_panda_starts_without_a_warning(client, tmp_path):
+def test_simulated_panda_starts_without_a_warning(client, tmp_path):
     log = tmp_path / "log"
     with log.open("w") as file, running_node("mobile_base_simulator", {"robot_file": "panda", "start_paused": True},
                                              "/within", log=file):  # fmt: skip

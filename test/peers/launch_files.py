@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def typed_arguments(arguments):
-    """{name: value} of `name:=value` as they are typed. Raises ValueError for what ros2 launch calls malformed."""
+    """{name: value} of arguments `name:=value`. Raises ValueError for arguments that ros2 launch calls malformed."""
     values = {}
     for argument in arguments:
         name, assigned, value = argument.partition(":=")
@@ -26,7 +26,7 @@ def typed_arguments(arguments):
 
 
 def performed(value, context):
-    """The text of a substitution, or of a list of them, where launch arguments have the values of `context`."""
+    """The text of a substitution, or of a list of them, for the launch arguments of `context`."""
     if isinstance(value, list | tuple):
         return "".join(performed(item, context) for item in value)
     return value if isinstance(value, str) else value.perform(context)
@@ -68,7 +68,7 @@ class Node:
     output: str = "log"
 
     def arguments(self, context, folder):
-        """What follows --ros-args on the command line; dicts of parameters are written into files in a folder."""
+        """Arguments after --ros-args on the command line; dicts of parameters are written into files in a folder."""
         namespace = performed(self.namespace, context)
         words = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
         for number, parameters in enumerate(self.parameters):
@@ -85,7 +85,7 @@ class Node:
 
 
 def _parameter(value, context):
-    """The value of one parameter: texts of substitutions are YAML where no type is stated, as in launch_ros."""
+    """The value of one parameter: without a type the text of a substitution is YAML, as in launch_ros."""
     if isinstance(value, ParameterValue):
         return value.evaluated(context)
     return yaml.safe_load(performed(value, context)) if isinstance(value, _Substitution) else value
@@ -141,7 +141,7 @@ def description(path):
 
 
 def started(file, arguments, folder):
-    """[(executable, what follows --ros-args)] of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
+    """[(executable, arguments after --ros-args)] of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
     entities = description(ROOT / "launch" / file)
     declared = {item.name: item for item in entities if isinstance(item, DeclareLaunchArgument)}
     context = typed_arguments(arguments)
