@@ -131,7 +131,7 @@ def test_terms_have_the_springs_alone(manutec, client):
 
 
 def with_values_of_springs(field_name, value):
-    """A question that gives something of a joint without motor."""
+    """A request with a value of an unactuated joint."""
     inputs = QDD.copy() if field_name == "accelerations" else np.zeros((4, 9))
     inputs[1, SPRINGS[0]] = value
     make = inverse_request if field_name == "accelerations" else direct_request
@@ -199,7 +199,7 @@ joints:
 
 
 def test_mimic_of_an_elastic_joint_may_be_nan_as_well(client, start_server):
-    """nan stands for the acceleration of the spring and of what it leads; both are in the answer."""
+    """nan stands for the acceleration of the spring and of its mimic; both are in the response."""
     server, dynamics = start_server({"robot_description": FOLLOWED}), Dynamics(load_robot(FOLLOWED), compiled=False)
     names, nan = ["driven", "follower", "sprung"], np.nan
     q, qd, qdd = [[0.3, -0.1, 0.2]], [[0.1, -0.25, 0.5]], [[1.0, nan, nan]]

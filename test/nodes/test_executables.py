@@ -79,7 +79,7 @@ def test_version_is_that_of_the_package(name):
 
 
 def left_of(process):
-    """Command lines of what a demo started and that still runs."""
+    """Command lines of processes of a demo that still run."""
     commands = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:

@@ -1,5 +1,5 @@
-"""Parallel modules in series over ROS 2: the field base lists their platforms by name, and joints that these do not
-place go on being told in the trajectory; answers are those of multipliers on maximal coordinates."""
+"""Parallel modules in series over ROS 2: the field base has their platforms by name, the trajectory the joints that
+no platform determines; results agree with multipliers on maximal coordinates."""
 
 import numpy as np
 import pytest

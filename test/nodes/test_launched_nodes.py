@@ -34,7 +34,7 @@ UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_join
 
 @contextmanager
 def launched(folder, file, *arguments):
-    """Start what a launch file starts; all of it is gone when the block ends. Yields {executable: its log's Path}."""
+    """Start the nodes of a launch file until the block ends. Yields {executable: Path of its log}."""
     logs = {}
     with ExitStack() as stack:
         for executable, node_arguments in started(file, arguments, folder):
@@ -94,7 +94,7 @@ def test_launch_defaults_can_be_typed_and_change_nothing(file, tmp_path):
     ],
 )
 def test_parameter_file_has_priority_over_the_time_of_the_arguments(file, arguments, of_user, expected, ros, tmp_path):
-    """And the robot is that of the arguments: nodes have the parameters that rcl gives them of all that is loaded."""
+    """And the robot is that of the arguments: rcl merges all parameters that are loaded."""
     typed = ["namespace:=left", "robot:=ur5e", *arguments]
     if of_user:
         of_user = {node: {**values, "robot_file": "rx90"} for node, values in of_user.items()}
@@ -125,7 +125,7 @@ def test_robot_none_serves_the_robot_on_the_topic(client, tmp_path):
 
 
 def test_two_closed_loops_run_side_by_side_under_two_namespaces(client, tmp_path):
-    """Each robot goes where its own reference leads, by a simulated time of its own."""
+    """Each robot follows its own reference, in a simulated time of its own."""
     node, names = client.node, [f"panda_joint{k}" for k in range(1, 8)]
     moves = {"left": np.array([0.1, -0.1, 0, -0.2, 0, 0.1, 0]), "right": np.array([-0.1, 0, 0.1, -0.1, 0.1, 0, 0.1])}
     states, subscriptions = {}, []

@@ -1,5 +1,7 @@
-"""Robots with loops that ship: 1000 random states of each, through the door one by one and as a batch, the compiled
-programs and a real server alike, against multipliers on maximal coordinates."""
+"""Shipped robots with loops: 1000 random states of each against multipliers on maximal coordinates.
+
+The library, one by one and as a batch, the compiled programs and a real server agree with them.
+"""
 
 import numpy as np
 import pytest

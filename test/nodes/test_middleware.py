@@ -1,5 +1,7 @@
-"""No shared memory in the process that streams, as its maps and files show, and peers that use it are reached all the
-same: this process is one."""
+"""The streaming process has no shared memory, as its maps and files show, and reaches peers that use it.
+
+This process is such a peer.
+"""
 
 import os
 import shutil

@@ -60,7 +60,7 @@ def dumped(client, node):
 
 
 def set_value(client, node, name, value):
-    """What the node says to a ParameterValue: (successful, reason)."""
+    """(successful, reason) of setting a parameter to a ParameterValue."""
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
     (result,) = client.call(SetParameters, f"{node}/set_parameters", request).results
     return result.successful, result.reason

@@ -1,5 +1,7 @@
-"""replay_check in a process of its own, beside a robot whose truth is known: motions and efforts by Pinocchio, told at
-200 Hz of their stamps, some times as fast as those run, as a bag may be played."""
+"""replay_check in a process of its own, with motions and efforts of a known robot, computed by Pinocchio.
+
+Samples are stamped at 200 Hz and published faster than real time, as a bag may be played.
+"""
 
 import time
 
@@ -27,7 +29,7 @@ NOISE = 0.05
 
 
 class Watch:
-    """Tells the node of joint states, and keeps what it says."""
+    """Publishes joint states, and keeps the messages of the node."""
 
     def __init__(self, name, client, topics=("joint_states", "wrist_states")):
         self.name, self.client, self.predicted, self.residuals = name, client, [], []
@@ -210,7 +212,7 @@ def test_other_orders_and_topics_are_accepted_and_invalid_data_are_reported(fres
 
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
 def test_uneven_stamps_are_compared_and_short_segments_are_counted(fresh, kind):
-    """Also where few samples lie between two pauses: the node goes on, says so, and has no error of its own."""
+    """Also with few samples between two pauses: the node reports it and goes on without an internal error."""
     motion = panda_motion(times=uneven_times(kind, 14.0, RATE))
     fresh.tell(state_messages(measured(motion), motion))
     # random steps leave pieces of a second or so between pauses of 5.5 steps, of which the filter leaves half

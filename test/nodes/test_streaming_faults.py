@@ -1,7 +1,6 @@
 """Faults on real processes while efforts stream: they go to zero in time, never exceed limits, and come back.
 
-Times are those of the stamps that the node puts on its efforts and the publisher on its states: how long a message
-takes to this process is not what is asked.
+Times are those of the stamps of efforts and states: the transit time of messages to this process does not count.
 """
 
 import signal

@@ -1,9 +1,9 @@
 """Processes around streamed efforts are stopped and killed while others listen, one of which judges by its own clock.
 
-A listener by shared memory shares locks with the publisher that dies; the observer does not, so that what it sees late
-is late.
+A listener with shared memory shares locks with the publisher that is killed; the observer does not, so messages that
+it receives late were sent late.
 
-Default parameters, states at 1 kHz. INTERRUPTION_ROUNDS=100 is what `make soak` runs; here there are few rounds.
+Default parameters, states at 1 kHz. `make soak` runs it with INTERRUPTION_ROUNDS=100; by default there are few rounds.
 """
 
 import os
@@ -42,7 +42,7 @@ PATIENCE = 30.0  # [s]
 class Bench:
     """computed_torque, a publisher of states, a listener and an observer, each in a process of its own.
 
-    records: what the observer wrote since `forget`. parameters: of the node, beside those by default. options: of the
+    records: those of the observer since `forget`. parameters: of the node, in addition to the defaults. options: of the
     publisher.
     """
 
@@ -222,7 +222,7 @@ def check_silence(bench, dropped, slack):
 
 
 def test_unstamped_states_that_waited_during_a_standstill_are_stale(ros, client, tmp_path):
-    """The second joint moves, so that its effort says which state it answers; without a ramp it says so at once."""
+    """The second joint moves, so its effort identifies the state that it belongs to, at once without a ramp."""
     drift = 0.025
     swept = np.linspace(0.0, SWEEP, 2000, endpoint=False)
     q = np.tile(Q, (len(swept), 1))
@@ -270,7 +270,7 @@ def test_efforts_end_with_the_states_for_another_process(interrupt, durations, b
 
 
 def stop_node(bench, duration):
-    """Returns the time [ns] at which it goes on."""
+    """Stop the process of the node for a time, and return the time [ns] at which it goes on."""
     bench.node.send_signal(signal.SIGSTOP)
     time.sleep(duration)
     resumed = time.time_ns()

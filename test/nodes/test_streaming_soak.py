@@ -1,6 +1,6 @@
 """Efforts that stream for long: the memory of the node stays what it was, and no reference is missed.
 
-SOAK_SECONDS=600 is what `make soak` runs; here it is short.
+`make soak` runs it with SOAK_SECONDS=600; the default is short.
 """
 
 import os
