@@ -32,8 +32,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.control_law import ControlLaw
-from robot_dynamics.nodes.processes import make_events_executor, run_node, running_node, terminate_process
+from robot_dynamics.nodes.processes import running_node, terminate_process
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS, LATEST_ONLY_QOS
+from robot_dynamics.nodes.runner import make_events_executor, run_node
 
 DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)  # loses no response in this process
 TURN = 1.0  # [s]

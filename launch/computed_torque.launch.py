@@ -1,40 +1,35 @@
-"""Torques for a robot: ros2 launch robot_dynamics computed_torque.launch.py robot:=panda
+"""Efforts for a robot: ros2 launch robot_dynamics computed_torque.launch.py robot:=panda
 
-With robot:=none it is taken from the topic robot_description. use_sim_time in the file that `parameters` names wins
-over the argument.
+robot:=none takes the robot from the topic robot_description. use_sim_time in the parameter file has priority over the
+argument.
 """
 
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import EqualsSubstitution, IfElseSubstitution, LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+from robot_dynamics.nodes.launching import robot_parameters, time_parameters, value_of
 
 
-def value_of(argument):
-    """The value of a launch argument: empty for `none`, since an empty one cannot be typed."""
-    value = LaunchConfiguration(argument)
-    return IfElseSubstitution(EqualsSubstitution(value, "none"), "", value)
-
-
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
+    """Return the nodes and the arguments."""
     shipped = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "computed_torque.yaml"])
-    simulated = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "simulated_time.yaml"])
-    machine = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "machine_time.yaml"])
-    of_time = IfElseSubstitution(LaunchConfiguration("use_sim_time"), simulated, machine)
-    robot = {"robot_file": ParameterValue(value_of("robot"), value_type=str)}
+    time = time_parameters(LaunchConfiguration("use_sim_time"))
+    robot = robot_parameters(value_of("robot"))
     return LaunchDescription(
         [
             DeclareLaunchArgument(
                 "robot",
                 default_value="panda",
-                description="a robot that ships, or the path of one; none: from the topic robot_description",
+                description="a shipped robot, or a path; none: the robot on the topic robot_description",
             ),
-            DeclareLaunchArgument("namespace", default_value="none", description="of the node and its topics"),
-            DeclareLaunchArgument("parameters", default_value=shipped, description="file of the node's parameters"),
-            DeclareLaunchArgument("use_sim_time", default_value="false", description="whether time is that of a clock"),
+            DeclareLaunchArgument(
+                "namespace", default_value="none", description="namespace of the node and its topics"
+            ),
+            DeclareLaunchArgument("parameters", default_value=shipped, description="parameter file of the node"),
+            DeclareLaunchArgument("use_sim_time", default_value="false", description="whether to use simulated time"),
             DeclareLaunchArgument("clock", default_value="/clock", description="topic of the simulated time"),
             DeclareLaunchArgument("joint_states", default_value="joint_states", description="topic of the state"),
             DeclareLaunchArgument("commands", default_value="~/commands", description="topic of the efforts"),
@@ -42,7 +37,7 @@ def generate_launch_description():
                 package="robot_dynamics",
                 executable="computed_torque",
                 namespace=value_of("namespace"),
-                parameters=[of_time, LaunchConfiguration("parameters"), robot],
+                parameters=[time, LaunchConfiguration("parameters"), robot],
                 remappings=[
                     ("/clock", LaunchConfiguration("clock")),
                     ("joint_states", LaunchConfiguration("joint_states")),

@@ -64,6 +64,7 @@ SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot
 def test_parameter_files_have_parameters_of_the_nodes(name):
     from robot_dynamics.nodes.computed_torque import parameters as control_parameters
     from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
+    from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import build_simulation
 
     takes = {"mobile_base_simulator": simulator_parameters, "computed_torque": control_parameters}
     for node, section in yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()).items():
@@ -74,13 +75,8 @@ def test_parameter_files_have_parameters_of_the_nodes(name):
                 assert value in shipped_robots()
             elif parameter != "use_sim_time":
                 module.validate_parameter(parameter, value)
-    simulator_parameters.build_simulation(
-        {
-            key: simulator_parameters.validate_parameter(key, default)
-            for key, (default, _) in simulator_parameters.PARAMETERS.items()
-        },
-        load_robot("ur5e"),
-    )
+    defaults = {key: spec.validate(spec.default) for key, spec in simulator_parameters.PARAMETERS.items()}
+    build_simulation(defaults, load_robot("ur5e"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)

@@ -1,1 +1,1 @@
-"""The ROS 2 nodes: messages in, arrays through the door, messages out."""
+"""The ROS 2 nodes: they convert messages into arrays, compute with `Dynamics`, and convert results into messages."""

@@ -1,4 +1,4 @@
-"""The executables of the nodes. They import ROS when they run; where it is missing, they say in a line what to do."""
+"""The executables of the nodes. They import ROS when they run; without it they end with a line that names a remedy."""
 
 import sys
 from importlib import import_module
@@ -13,10 +13,10 @@ ROS_INSTALLATION_HINT = (
 ROS_MODULES = ("rclpy", "rcl_interfaces", "robot_dynamics_interfaces", "builtin_interfaces", "rosidl_parser")
 
 
-def run_executable(name: str):
-    """Import the module of this name from robot_dynamics.nodes, run its `main`, and return what that returns.
+def run_executable(name: str) -> int | None:
+    """Import robot_dynamics.nodes.NAME, run its `main`, and return the result.
 
-    Where a module is missing, or the user interrupts the import, end the process with one line on stderr.
+    If a module is missing, or the user interrupts the import, the process ends with one line on stderr.
     """
     try:
         main = import_module(f"robot_dynamics.nodes.{name}.__main__").main
@@ -28,29 +28,30 @@ def run_executable(name: str):
     except KeyboardInterrupt:
         print(f"{name}: interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED_EXIT_STATUS)
-    return main()
+    status: int | None = main()
+    return status
 
 
-def computed_torque():
+def computed_torque() -> int | None:
     """Run the node computed_torque."""
     return run_executable("computed_torque")
 
 
-def dynamics_server():
+def dynamics_server() -> int | None:
     """Run the node dynamics_server."""
     return run_executable("dynamics_server")
 
 
-def demo():
+def demo() -> int | None:
     """Run the demo."""
     return run_executable("demo")
 
 
-def mobile_base_simulator():
+def mobile_base_simulator() -> int | None:
     """Run the node mobile_base_simulator."""
     return run_executable("mobile_base_simulator")
 
 
-def replay_check():
+def replay_check() -> int | None:
     """Run the node replay_check."""
     return run_executable("replay_check")

@@ -1,21 +1,26 @@
-"""Callbacks of subscriptions that get what the middleware knows of a message: when it was published and received."""
+"""Subscription callbacks with the times at which a message was published and received."""
 
 import inspect
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+MessageInfo: TypeAlias = dict[str, int]
+"""source_timestamp and received_timestamp [ns since the epoch], by the clocks of the publisher's and of this machine;
+zero if the middleware does not have them."""
 
 
 class MessageInfoCallback:
     """A callback(message, info) for `create_subscription` that works with every executor of rclpy.
 
-    EventsExecutor of rclpy 7.1 passes the pair as a single argument where other executors pass two. `info` is a dict:
-    source_timestamp and received_timestamp [ns since the epoch], by the clocks of the publisher's and of this machine;
-    zero where the middleware does not know them.
+    EventsExecutor of rclpy 7.1 passes the pair as a single argument where other executors pass two. `info` is a
+    MessageInfo.
     """
 
-    __signature__ = inspect.signature(lambda message, info: None)  # by which rclpy decides what it passes
+    __signature__ = inspect.signature(lambda message, info: None)  # rclpy reads the arguments from it
 
-    def __init__(self, callback):
+    def __init__(self, callback: Callable[[Any, MessageInfo], None]) -> None:
         self._callback = callback
 
-    def __call__(self, *received):
-        message, info = received if len(received) == 2 else received[0]
-        return self._callback(message, info)
+    def __call__(self, *arguments: Any) -> None:
+        message, info = arguments if len(arguments) == 2 else arguments[0]
+        self._callback(message, info)

@@ -1,62 +1,117 @@
-"""Where a node gets its robot from, and how it gets another while it runs."""
+"""The robot of a node: from its parameters or from the latched topic robot_description, also while it runs."""
 
-import traceback
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 from weakref import WeakSet
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError
+from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot
-from robot_dynamics.model.robot import MASSLESS_WARNING
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
-from robot_dynamics.nodes.parameters import convert_parameter, declare_parameters
+from robot_dynamics.model.robot import MASSLESS_WARNING, Robot
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
+from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.parameters import (
+    ParameterSpec,
+    ParameterValues,
+    by_name,
+    declare_parameters,
+)
 from robot_dynamics.nodes.qos import LATCHED_QOS
 
-BASES = {"": None, "fixed": False, "moving": True}
+BASES = {"": None, "fixed": False, "moving": True}  # value of parameter base: whether the base moves
+TOPIC_SOURCE = "topic robot_description"
 
-# name: (default, what it is)
-PARAMETERS = {
-    "robot_description": ("", "text of a URDF, an MDH table or a .par; comes before robot_file"),
-    "robot_file": (
+PARAMETERS = by_name(
+    ParameterSpec(
+        "robot_description",
+        "",
+        "text of a URDF, an MDH table or a .par; comes before robot_file",
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "robot_file",
         "",
         "path of a URDF, an MDH table or a .par, or the name of a robot that ships. "
         "Where this and robot_description are empty, the topic robot_description is listened to",
+        read_at="configuration",
     ),
-    "base": ("", "fixed or moving; empty: as the description says"),
-    "gravity": ("", "x, y, z in the world [m/s^2]; empty: as the description says, else the Earth's"),
-    "strict": (False, "refuse inertias that no real body has, instead of warning"),
-    "payload.link": ("", "link that carries the payload, in whose frame it is given; empty: there is none"),
-    "payload.mass": (0.0, "[kg]"),
-    "payload.first_moments": ([0.0] * 3, "mass times its centre x, y, z [kg m]"),
-    "payload.inertia": ([0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
-}
+    ParameterSpec("base", "", "fixed or moving; empty: as the description says", read_at="configuration"),
+    ParameterSpec(
+        "gravity",
+        "",
+        "x, y, z in the world [m/s^2]; empty: as the description says, else the Earth's",
+        list_kind="numbers",
+        size=3,
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "strict", False, "refuse inertias that no real body has, instead of warning", read_at="configuration"
+    ),
+    ParameterSpec(
+        "payload.link", "", "link that carries the payload, in whose frame it is given; empty: there is none"
+    ),
+    ParameterSpec("payload.mass", 0.0, "[kg]"),
+    ParameterSpec("payload.first_moments", [0.0] * 3, "mass times its centre x, y, z [kg m]"),
+    ParameterSpec("payload.inertia", [0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
+)
+
+
+@dataclass(frozen=True)
+class DescriptionKey:
+    """All that decides how a description is read; the payload does not."""
+
+    text: str | bytes
+    source: str | Path
+    moving_base: bool | None
+    gravity: tuple[float, ...] | None
 
 
 class RobotSource:
     """The robot of a node, from its parameters or from the latched topic robot_description.
 
-    A change is tried first: what cannot be loaded is refused with a reason, and the robot before it stays.
+    A change is tried first: a description that cannot be loaded is refused with a reason, and the loaded robot stays.
 
-    adopted: called with each new Dynamics. worker: a concurrent.futures.Executor that loads what comes on the topic,
-    and calls `adopted` of it, while the node goes on with its other work; None: the node waits for it.
+    Parameters
+    ----------
+    on_new_robot : called with each new Dynamics.
+    worker : loads descriptions from the topic, and calls `on_new_robot` for them, while the node goes on; None: the
+        node waits for it.
+
+    Attributes
+    ----------
+    rejection_reason : why the last change was refused, or why there is no robot; empty otherwise.
     """
 
-    def __init__(self, node, on_new_robot=None, worker=None):
-        self._node, self._adopted, self._worker = node, on_new_robot, worker
-        self._bare = None, None  # what was read last, and the robot of it: another payload is no reason to read again
-        self._dynamics = self._candidate = None
-        self._massless = WeakSet()  # each Dynamics of a description without masses
-        self._published = None  # the last text on the topic that was a robot
+    def __init__(
+        self,
+        node: Node,
+        on_new_robot: Callable[[Dynamics], None] | None = None,
+        worker: Executor | None = None,
+    ) -> None:
+        self._node = node
+        self._on_new_robot = on_new_robot
+        self._worker = worker
+        self._last_read: tuple[DescriptionKey, Robot] | None = None  # reused for another payload
+        self._dynamics: Dynamics | None = None
+        self._candidate: Dynamics | None = None
+        self._massless: WeakSet[Dynamics] = WeakSet()
+        self._published_text: str | None = None  # last valid description on the topic
         self.rejection_reason = (
             "neither robot_description nor robot_file is set, and nothing came on the topic robot_description"
         )
         declare_parameters(node, PARAMETERS)
-        refused = self._try(lambda: self._adopt(self._load(self._settings())))
-        if not refused and self._dynamics is None:
+        rejection = self._try_change(lambda: self._adopt(self._load(self._settings())))
+        if not rejection and self._dynamics is None:
             topic = node.resolve_topic_name("robot_description")
             node.get_logger().info(
                 f"no robot yet: waiting for {topic}, or for parameter robot_file or robot_description"
@@ -66,28 +121,30 @@ class RobotSource:
         self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED_QOS)
 
     @property
-    def dynamics(self):
-        """The Dynamics of the robot. Raises DescriptionError where none is loaded yet, saying why."""
+    def dynamics(self) -> Dynamics:
+        """The Dynamics of the robot. Raises DescriptionError with the reason if no robot is loaded."""
         if self._dynamics is None:
             raise DescriptionError(f"no robot is loaded: {self.rejection_reason}")
         return self._dynamics
 
     @property
-    def name(self):
-        """Name of the robot, empty where none is loaded."""
-        return self._dynamics.robot.name if self._dynamics else ""
+    def name(self) -> str:
+        """Name of the robot, empty if none is loaded."""
+        return self._dynamics.robot.name if self._dynamics is not None else ""
 
-    def is_massless(self, dynamics):
-        """Whether the description of a Dynamics from here has no masses. A payload does not make up for them."""
+    def is_massless(self, dynamics: Dynamics) -> bool:
+        """Whether the description of a Dynamics from here has no masses; a payload does not count."""
         return dynamics in self._massless
 
     @property
-    def reliability_warning(self):
-        """Why results of the robot are not to be relied on: a sentence, empty for most robots."""
-        return f"robot {self.name!r}: {MASSLESS_WARNING}" if self.is_massless(self._dynamics) else ""
+    def reliability_warning(self) -> str:
+        """Why results of the robot are unreliable: a sentence, empty for most robots."""
+        if self._dynamics is None or not self.is_massless(self._dynamics):
+            return ""
+        return f"robot {self.name!r}: {MASSLESS_WARNING}"
 
-    def health(self):
-        """(level, message) of a DiagnosticStatus: whether a robot is loaded, and whether its last change was."""
+    def health(self) -> tuple[Level, str]:
+        """Level and message of a DiagnosticStatus: whether a robot is loaded, and whether the last change succeeded."""
         if not self.name:
             return ERROR, f"no robot is loaded: {self.rejection_reason}"
         if self.rejection_reason:
@@ -96,20 +153,20 @@ class RobotSource:
             return WARN, self.reliability_warning
         return OK, f"serving {self.name!r}"
 
-    def _settings(self, changes=()):
-        """The values of PARAMETERS, each in its type, as they are or would be after changes {name: value}."""
+    def _settings(self, changes: Mapping[str, object] | None = None) -> ParameterValues:
+        """Return the validated parameters, with changes {name: value} if there are any."""
         values = {name: self._node.get_parameter(name).value for name in PARAMETERS}
-        values.update(changes)
-        return {name: convert_robot_parameter(name, value) for name, value in values.items()}
+        values.update(changes or {})
+        return {name: PARAMETERS[name].validate(value) for name, value in values.items()}
 
-    def _load(self, settings):
-        """The Dynamics of the robot that the settings name, else of the one on the topic, else None."""
+    def _load(self, settings: ParameterValues) -> Dynamics | None:
+        """Return the Dynamics of the robot in the parameters, else of that on the topic, else None."""
         if settings["robot_description"]:
             text, source = settings["robot_description"], "parameter robot_description"
         elif settings["robot_file"]:
             text, source = read_description(settings["robot_file"])
-        elif self._published is not None:
-            text, source = self._published, "topic robot_description"
+        elif self._published_text is not None:
+            text, source = self._published_text, TOPIC_SOURCE
         elif self._dynamics is None:
             return None
         else:
@@ -118,14 +175,16 @@ class RobotSource:
             )
         return self._read(text, source, settings)
 
-    def _read(self, text, source, settings):
-        if settings["base"] not in BASES:
-            raise DescriptionError(f"parameter base is {settings['base']!r}: fixed, moving or nothing is right")
-        told = {"moving_base": BASES[settings["base"]], "gravity": settings["gravity"] or None}
-        read, robot = self._bare
-        if read != (text, source, told):
-            robot = read_robot(text, source=source, **told)
-            self._bare = (text, source, told), robot
+    def _read(self, text: str | bytes, source: str | Path, settings: ParameterValues) -> Dynamics:
+        base = settings["base"]
+        if base not in BASES:
+            raise DescriptionError(f"parameter base is {base!r}: fixed, moving or nothing is right")
+        key = DescriptionKey(text, source, BASES[base], tuple(settings["gravity"]) or None)
+        if self._last_read is not None and self._last_read[0] == key:
+            robot = self._last_read[1]
+        else:
+            robot = read_robot(text, source=source, moving_base=key.moving_base, gravity=settings["gravity"] or None)
+            self._last_read = key, robot
         loaded = with_payload(robot, settings)
         if settings["strict"]:
             loaded.raise_on_warnings()
@@ -134,79 +193,74 @@ class RobotSource:
             self._massless.add(dynamics)
         return dynamics
 
-    def _adopt(self, dynamics):
-        self._dynamics, logger = dynamics, self._node.get_logger()
+    def _adopt(self, dynamics: Dynamics | None) -> None:
+        self._dynamics = dynamics
         if dynamics is None:
             return
         self.rejection_reason = ""
+        logger = self._node.get_logger()
         robot = dynamics.robot
-        link, mass = (self._node.get_parameter(f"payload.{name}").value for name in ("link", "mass"))
-        logger.info(f"serving {robot!r}, {f'{mass} kg on {link!r}' if link else 'no payload'}, gravity {robot.gravity}")
-        of_description = [MASSLESS_WARNING] if self.is_massless(dynamics) else []
-        for warning in dict.fromkeys([*of_description, *robot.warnings]):
+        link = self._node.get_parameter("payload.link").value
+        mass = self._node.get_parameter("payload.mass").value
+        payload = f"{mass} kg on {link!r}" if link else "no payload"
+        logger.info(f"serving {robot!r}, {payload}, gravity {robot.gravity}")
+        warnings = [MASSLESS_WARNING] if self.is_massless(dynamics) else []
+        for warning in dict.fromkeys([*warnings, *robot.warnings]):
             logger.warning(f"robot {robot.name!r}: {warning}")
-        if self._adopted is not None:
-            self._adopted(dynamics)
+        if self._on_new_robot is not None:
+            self._on_new_robot(dynamics)
 
-    def _try(self, change):
-        """Make a change, or tell why it is refused and let the robot stay. Returns the reason, empty if none."""
+    def _try_change(self, change: Callable[[], None]) -> str:
+        """Make a change, or log why it is refused, and keep the robot. Return the reason, empty if it was made."""
         try:
             change()
+        except Exception as error:
+            self.rejection_reason = failure_reason(self._node.get_logger(), error)
+        else:
             return ""
-        except RobotDynamicsError as error:
-            self.rejection_reason = str(error)
-        except Exception as error:  # a fault of ours must not take the node, and all that depends on it, down
-            self._node.get_logger().error(traceback.format_exc())
-            self.rejection_reason = f"internal error, please report it: {error!r}"
-        kept = f"; the robot {self.name!r} stays loaded" if self._dynamics else ""
+        kept = f"; the robot {self.name!r} stays loaded" if self._dynamics is not None else ""
         self._node.get_logger().error(f"robot refused: {self.rejection_reason}{kept}")
         return self.rejection_reason
 
-    def _before_change(self, parameters):
-        changes = {parameter.name: parameter.value for parameter in parameters if parameter.name in PARAMETERS}
+    def _before_change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        changes: dict[str, Any] = {p.name: p.value for p in parameters if p.name in PARAMETERS}
 
-        def change():
+        def change() -> None:
             self._candidate = self._load(self._settings(changes))
 
-        reason = self._try(change) if changes else ""
+        reason = self._try_change(change) if changes else ""
         return SetParametersResult(successful=not reason, reason=reason)
 
-    def _after_change(self, parameters):
+    def _after_change(self, parameters: Sequence[Parameter]) -> None:
         if any(parameter.name in PARAMETERS for parameter in parameters):
             self._adopt(self._candidate)
 
-    def _on_description(self, message):
-        """Take the text of the topic, never a path; use it where no parameter names a robot."""
+    def _on_description(self, message: String) -> None:
+        """Load the text on the topic, which is never a path; it is used if no parameter names a robot."""
 
-        def change():
+        def change() -> None:
             settings = self._settings()
-            dynamics = self._read(message.data, "topic robot_description", settings)
-            self._published = message.data
+            dynamics = self._read(message.data, TOPIC_SOURCE, settings)
+            self._published_text = message.data
             parameter = next((name for name in ("robot_description", "robot_file") if settings[name]), None)
             if parameter is None:
                 self._adopt(dynamics)
             else:
-                self._node.get_logger().info(f"robot on the topic robot_description kept aside: {parameter} is set")
+                self._node.get_logger().info(f"robot on the topic robot_description is not used: {parameter} is set")
 
         if self._worker is None:
-            self._try(change)
-        elif message.data != self._published:  # the same once more is no change
-            self._worker.submit(self._try, change)
+            self._try_change(change)
+        elif message.data != self._published_text:  # the same text once more is no change
+            self._worker.submit(self._try_change, change)
 
 
-def convert_robot_parameter(name, value):
-    """The value of a parameter in the type of its default. Raises QuestionError saying what would be right."""
-    if name == "gravity" and np.size(value) == 0:  # an empty list says as little as an empty text
-        value = ""
-    default = [0.0] * 3 if name == "gravity" and value != "" else PARAMETERS[name][0]
-    return convert_parameter(default, name, value, PARAMETERS[name][1])
-
-
-def with_payload(robot, settings):
-    """The robot with the payload that the parameters describe; where payload.link names no link nothing is carried."""
-    moments = symmetric_matrix(*settings["payload.inertia"])
-    payload = Inertia(settings["payload.mass"], settings["payload.first_moments"], moments)
+def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
+    """Return the robot with the payload of the parameters; with an empty payload.link, the robot itself."""
+    inertia = symmetric_matrix(*settings["payload.inertia"])
+    payload = Inertia(settings["payload.mass"], np.array(settings["payload.first_moments"]), inertia)
+    if not settings["payload.link"]:
+        return robot
     try:
-        return robot.with_payload(settings["payload.link"], payload) if settings["payload.link"] else robot
+        return robot.with_payload(settings["payload.link"], payload)
     except InvalidInputError as error:
         raise InvalidInputError(f"parameter payload.link: {error}") from None

@@ -1,4 +1,4 @@
-"""Real nodes in processes of their own, on a DDS domain of this test run alone, and calls that end."""
+"""Fixtures: real nodes in processes of their own, in a DDS domain of this test run, and calls with a time limit."""
 
 import os
 
@@ -6,7 +6,8 @@ import pytest
 import rclpy
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.processes import running_node
 
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -21,14 +22,14 @@ def ros():
 
 @pytest.fixture(scope="module")
 def client(ros):
-    made = ServiceClient("asker")
-    yield made
-    made.close()
+    service_client = ServiceClient("test_client")
+    yield service_client
+    service_client.close()
 
 
 @pytest.fixture
 def start_server():
-    """Start dynamics_server with parameters; all are gone when the test ends. Returns their fully qualified names."""
+    """A function that starts a node with parameters and returns its fully qualified name; all end with the test."""
     with _servers() as start:
         yield start
 
@@ -40,7 +41,7 @@ def start_module_server():
 
 
 class _servers:
-    """Nodes in namespaces of their own, so that none hears what is meant for another."""
+    """Nodes in namespaces of their own, so that they do not receive messages for each other."""
 
     count = 0
 
@@ -64,7 +65,7 @@ class _servers:
 
 @pytest.fixture(scope="module")
 def panda(start_module_server):
-    """A server of the Panda that ships."""
+    """A server of the shipped Panda."""
     return start_module_server({"robot_file": "panda"})
 
 

@@ -1,4 +1,4 @@
-"""A test stand of computed_torque: publishes states and references, and keeps all that the node sends."""
+"""A probe of computed_torque: it publishes states and references, and keeps the messages of the node."""
 
 import threading
 import time
@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 
 PANDA = [f"panda_joint{k}" for k in range(1, 8)]
 Q = np.array([0.1, -0.3, 0.2, -1.9, 0.1, 1.8, 0.5])
@@ -28,7 +28,7 @@ def to_time(ns):
 
 
 def trajectory_message(names, times, positions, velocities=None, accelerations=None, start=0):
-    """A JointTrajectory; start: [ns], zero for now."""
+    """A JointTrajectory; start: [ns], zero for the present time."""
     message = JointTrajectory(joint_names=list(names))
     message.header.stamp = to_time(start)
     for k, seconds in enumerate(times):
@@ -44,7 +44,7 @@ def trajectory_message(names, times, positions, velocities=None, accelerations=N
 
 
 class BoundedList(list):
-    """A list that forgets its beginning where it grows beyond twice `most`."""
+    """A list that keeps its last `most` items when it grows beyond twice as many; None: all."""
 
     def __init__(self, most):
         super().__init__()
@@ -57,14 +57,17 @@ class BoundedList(list):
 
 
 class ControllerProbe:
-    """Around the node of a fully qualified name. `commands`: [(seconds, efforts)]; `efforts`: [JointState]; `states`:
-    [JointTrajectory]; `heard`: [ns], stamps of joint_states, whoever publishes them; `diagnostics`: [(level, message,
-    values)]. keep: how many of each but the last are kept; None: all."""
+    """The messages of the node with a fully qualified name, and publishers for its inputs.
+
+    commands: [(seconds, efforts)]; efforts: [JointState]; states: [JointTrajectory]; state_stamps: [ns] of
+    joint_states of any publisher; diagnostics: [(level, message, values)]. history: number of messages to keep, None
+    for all; of diagnostics all are kept.
+    """
 
     def __init__(self, target, client, states="joint_states", history=None):
         self.target, self.client = target, client
         namespace = target.rpartition("/")[0]
-        self.node = rclpy.create_node("stand", namespace=namespace)
+        self.node = rclpy.create_node("probe", namespace=namespace)
         self.joint_states = self.node.create_publisher(JointState, states, 10)
         self.odom = self.node.create_publisher(Odometry, "odom", 10)
         self.reference = self.node.create_publisher(JointTrajectory, f"{target}/reference", 10)
@@ -105,46 +108,46 @@ class ControllerProbe:
         self.node.destroy_node()
 
     def publish(self, q=Q, qd=None, names=PANDA, stamp=None):
-        """One state. stamp: [ns], the present one if None."""
+        """Publish a state. stamp: [ns]; None: the present time."""
         message = JointState(name=list(names), position=np.asarray(q, dtype=float))
         message.velocity = np.zeros(len(q)) if qd is None else np.asarray(qd, dtype=float)
         message.header.stamp = to_time(time.time_ns() if stamp is None else stamp)
         self.joint_states.publish(message)
 
     def stream(self, seconds, rate=250.0, **state):
-        """States for so long."""
+        """Publish states for a time [s], at a rate [1/s]."""
         until, following = time.monotonic() + seconds, time.monotonic()
         while following < until:
             self.publish(**state)
             following += 1 / rate
             time.sleep(max(0.0, following - time.monotonic()))
 
-    def stream_until(self, condition, what, patience=20.0, **state):
-        """States until something holds."""
+    def stream_until(self, condition, description, patience=20.0, **state):
+        """Publish states until a condition holds."""
         deadline = time.monotonic() + patience
         while not condition():
-            assert time.monotonic() < deadline, f"{what}: not within {patience} s; {self.diagnostics[-1:]}"
+            assert time.monotonic() < deadline, f"{description}: not within {patience} s; {self.diagnostics[-1:]}"
             self.stream(0.02, **state)
 
-    def wait_until(self, condition, what, patience=20.0):
-        """As stream_until, without states."""
+    def wait_until(self, condition, description, patience=20.0):
+        """Wait until a condition holds, without publishing."""
         deadline = time.monotonic() + patience
         while not condition():
-            assert time.monotonic() < deadline, f"{what}: not within {patience} s; {self.diagnostics[-1:]}"
+            assert time.monotonic() < deadline, f"{description}: not within {patience} s; {self.diagnostics[-1:]}"
             time.sleep(0.005)
 
     def has_diagnostic(self, text, since=0):
         return any(text in message for _, message, _ in self.diagnostics[since:])
 
     def stream_until_steady(self, **state):
-        """States until efforts come that are at the end of their ramp."""
+        """Publish states until the efforts are at the end of their ramp."""
 
-        def settled():
+        def is_steady():
             sent = [efforts for _, efforts in self.commands[-20:]]
             alike = len(sent) == 20 and len({len(efforts) for efforts in sent}) == 1
             return alike and np.abs(sent).max() > 0 and np.ptp(sent, axis=0).max() < 1e-9
 
-        self.stream_until(lambda: self.efforts and settled(), "efforts", **state)
+        self.stream_until(lambda: self.efforts and is_steady(), "efforts", **state)
 
     def change_state(self, transition):
         """Trigger a transition of the lifecycle by its id. Returns whether it succeeded."""

@@ -1,4 +1,4 @@
-"""Requests from arrays and arrays from responses, written apart from what the server uses."""
+"""Requests from arrays and arrays from responses, independent of the codecs of the server."""
 
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
@@ -25,7 +25,7 @@ SERVICES = {
 
 
 def call_service(client, server, request):
-    """The response to a request, whatever it says."""
+    """The response to a request, successful or not."""
     kind, service = SERVICES[type(request)]
     return client.call(kind, f"{server}/{service}", request)
 
@@ -45,10 +45,10 @@ def motion(count, joints, seed=0):
 
 def point(k, **fields):
     seconds, nanoseconds = divmod(k * STEP_NS, 10**9)
-    made = JointTrajectoryPoint(time_from_start=Duration(sec=seconds, nanosec=nanoseconds))
+    built = JointTrajectoryPoint(time_from_start=Duration(sec=seconds, nanosec=nanoseconds))
     for field, values in fields.items():
-        setattr(made, field, np.asarray(values, dtype=float).tolist())
-    return made
+        setattr(built, field, np.asarray(values, dtype=float).tolist())
+    return built
 
 
 def inverse_request(joints, q, qd, qdd, **others):
@@ -82,43 +82,43 @@ def equilibrium_request(joints, q, **others):
 
 
 def base_trajectory(quaternions, positions, twists, accelerations=None):
-    """MultiDOFJointTrajectory of poses (x, y, z, w), positions and twists, and accelerations where given."""
+    """MultiDOFJointTrajectory of quaternions (x, y, z, w), positions, twists and, if present, accelerations."""
     message = MultiDOFJointTrajectory()
     for k, (quaternion, position, velocity) in enumerate(zip(quaternions, positions, twists, strict=True)):
         transform = Transform()
         transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w = map(float, quaternion)
         transform.translation.x, transform.translation.y, transform.translation.z = map(float, position)
-        made = MultiDOFJointTrajectoryPoint(transforms=[transform], velocities=[twist(velocity)])
+        built = MultiDOFJointTrajectoryPoint(transforms=[transform], velocities=[twist(velocity)])
         if accelerations is not None:
-            made.accelerations = [twist(accelerations[k])]
-        message.points.append(made)
+            built.accelerations = [twist(accelerations[k])]
+        message.points.append(built)
     return message
 
 
 def twist(values):
-    made = Twist()
-    made.linear.x, made.linear.y, made.linear.z = map(float, values[:3])
-    made.angular.x, made.angular.y, made.angular.z = map(float, values[3:])
-    return made
+    built = Twist()
+    built.linear.x, built.linear.y, built.linear.z = map(float, values[:3])
+    built.angular.x, built.angular.y, built.angular.z = map(float, values[3:])
+    return built
 
 
 def wrench(link, values, stamp=None):
-    """WrenchStamped; stamp: number of the point, None for every point."""
-    made = WrenchStamped()
-    made.header.frame_id = link
+    """WrenchStamped; stamp: index of the point, None for every point."""
+    built = WrenchStamped()
+    built.header.frame_id = link
     if stamp is not None:
-        made.header.stamp = Time(sec=stamp * STEP_NS // 10**9, nanosec=stamp * STEP_NS % 10**9)
-    made.wrench.force.x, made.wrench.force.y, made.wrench.force.z = map(float, values[:3])
-    made.wrench.torque.x, made.wrench.torque.y, made.wrench.torque.z = map(float, values[3:])
-    return made
+        built.header.stamp = Time(sec=stamp * STEP_NS // 10**9, nanosec=stamp * STEP_NS % 10**9)
+    built.wrench.force.x, built.wrench.force.y, built.wrench.force.z = map(float, values[:3])
+    built.wrench.torque.x, built.wrench.torque.y, built.wrench.torque.z = map(float, values[3:])
+    return built
 
 
 def field(trajectory, name):
     return np.array([getattr(point, name) for point in trajectory.points])
 
 
-def twist_values(told):
-    return np.array([*(getattr(part, axis) for part in (told.linear, told.angular) for axis in "xyz")])
+def twist_values(message):
+    return np.array([*(getattr(part, axis) for part in (message.linear, message.angular) for axis in "xyz")])
 
 
 def base_accelerations(base):
@@ -134,11 +134,11 @@ Q, QD, QDD = motion(3, 7)
 
 
 def assert_still_serves(client, server, panda_dynamics):
-    """Assert that a server of the Panda answers as the library does."""
-    answer = call_successfully(client, server, inverse_request(PANDA, Q, QD, QDD))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), panda_dynamics.inverse(Q, QD, QDD))
+    """Assert that a server of the Panda returns the results of the library."""
+    served = call_successfully(client, server, inverse_request(PANDA, Q, QD, QDD))
+    np.testing.assert_array_equal(field(served.trajectory, "effort"), panda_dynamics.inverse(Q, QD, QDD))
 
 
 def inverse(names=PANDA, q=Q, qd=QD, qdd=QDD, **others):
-    """A good question to a server of the Panda, but for what is given."""
+    """A valid request to a server of the Panda, apart from the arguments."""
     return inverse_request(names, q, qd, qdd, **others)

@@ -1,4 +1,4 @@
-"""What a test hears of a mobile_base_simulator, and says to it."""
+"""A probe of mobile_base_simulator: it keeps the messages of the node, and publishes its inputs."""
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -12,16 +12,19 @@ from trajectory_msgs.msg import JointTrajectory
 
 
 class SimulatorProbe:
-    """Around the node of a fully qualified name, by a Caller. Lists of messages: joint_states, odom, clock,
-    accelerations; diagnostics: [(level, message, values)]. stamped: whether cmd_vel is TwistStamped."""
+    """The messages of the node with a fully qualified name, received by a ServiceClient.
+
+    joint_states, odom, clock, accelerations: lists of messages; diagnostics: [(level, message, values)]. stamped:
+    whether cmd_vel is TwistStamped.
+    """
 
     def __init__(self, name, client, stamped=False):
         self.name, self.client, node = name, client, client.node
         namespace = name.rpartition("/")[0]
         self.joint_states, self.odom, self.clock, self.accelerations, self.diagnostics = [], [], [], [], []
-        self._held = [
-            node.create_subscription(kind, topic, keep, 2000)
-            for kind, topic, keep in (
+        self._subscriptions = [
+            node.create_subscription(kind, topic, callback, 2000)
+            for kind, topic, callback in (
                 (JointState, f"{namespace}/joint_states", self.joint_states.append),
                 (Odometry, f"{namespace}/odom", self.odom.append),
                 (Clock, "/clock", self.clock.append),
@@ -40,7 +43,7 @@ class SimulatorProbe:
             )
         }
         for topic, publisher in self._out.items():
-            self.wait_until(lambda publisher=publisher: publisher.get_subscription_count(), f"{topic} is heard")
+            self.wait_until(lambda publisher=publisher: publisher.get_subscription_count(), f"a subscriber of {topic}")
 
     def _on_diagnostics(self, message):
         for status in message.status:
@@ -48,12 +51,12 @@ class SimulatorProbe:
                 values = {pair.key: pair.value for pair in status.values}
                 self.diagnostics.append((status.level, status.message, values))
 
-    def wait_until(self, condition, what, patience=30.0):
+    def wait_until(self, condition, description, patience=30.0):
         for _ in range(round(patience / 0.02)):
             if condition():
                 return
             self.client.spin(0.02)
-        raise AssertionError(f"not within {patience} s: {what}; {self.diagnostics[-1:]}")
+        raise AssertionError(f"not within {patience} s: {description}; {self.diagnostics[-1:]}")
 
     def has_diagnostic(self, text):
         return any(text in " ".join([message, *values.values()]) for _, message, values in self.diagnostics)
@@ -71,12 +74,14 @@ class SimulatorProbe:
         return self.client.call(SetBool, f"{self.name}/pause", SetBool.Request(data=paused))
 
     def make_steps(self, count):
-        """Make steps, one by one, and hear the state after each."""
+        """Make steps, one by one, and receive the state after each."""
         for _ in range(count):
-            heard = len(self.joint_states)
-            answer = self.call_trigger("step")
-            assert answer.success, answer.message
-            self.wait_until(lambda heard=heard: len(self.joint_states) > heard, "the state after a step")
+            received_count = len(self.joint_states)
+            response = self.call_trigger("step")
+            assert response.success, response.message
+            self.wait_until(
+                lambda received_count=received_count: len(self.joint_states) > received_count, "the state after a step"
+            )
         return self.joint_states[-1]
 
 

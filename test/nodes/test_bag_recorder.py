@@ -1,4 +1,4 @@
-"""What a Recorder writes is what was published, in a bag that others read."""
+"""A BagRecorder writes messages as they were published, in a bag that other tools read."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from robot_dynamics.nodes.demo.closed_loop import open_bag_recorder
 highlevel = pytest.importorskip("rosbags.highlevel", reason="rosbags, which writes bags, is not installed")
 
 
-def test_messages_are_in_the_bag_as_they_were_published(client, tmp_path):
+def test_bag_recorder_writes_messages_as_they_were_published(client, tmp_path):
     path, stamps = tmp_path / "bag", iter(range(1_000, 10_000))
     publisher = client.node.create_publisher(JointState, "recorded", 100)
     sent = [JointState(name=["a", "b"], position=[float(k), -k / 3]) for k in range(20)]
@@ -28,15 +28,17 @@ def test_messages_are_in_the_bag_as_they_were_published(client, tmp_path):
             client.spin(0.02)
     assert sorted(file.suffix for file in path.iterdir()) == [".mcap", ".yaml"]
     with highlevel.AnyReader([path]) as reader:
-        found = [(c.topic, c.msgtype, time, reader.deserialize(data, c.msgtype)) for c, time, data in reader.messages()]
-    assert [time for _, _, time, _ in found] == list(range(1_000, 1_020))
-    for (topic, kind, _, message), told in zip(found, sent, strict=True):
+        recorded_messages = [
+            (c.topic, c.msgtype, time, reader.deserialize(data, c.msgtype)) for c, time, data in reader.messages()
+        ]
+    assert [time for _, _, time, _ in recorded_messages] == list(range(1_000, 1_020))
+    for (topic, kind, _, message), expected in zip(recorded_messages, sent, strict=True):
         assert (topic, kind) == ("/recorded", "sensor_msgs/msg/JointState")
-        assert message.name == list(told.name)
-        np.testing.assert_array_equal(message.position, told.position)
+        assert message.name == list(expected.name)
+        np.testing.assert_array_equal(message.position, expected.position)
 
 
-def test_the_demo_writes_its_bags_anew_but_takes_no_other_folder_for_one(tmp_path):
+def test_demo_replaces_its_bags_but_no_other_folder(tmp_path):
     (tmp_path / "panda").mkdir()
     (tmp_path / "panda" / "thesis.txt").write_text("months of work")
     with pytest.raises(RobotDynamicsError, match="no bag of the demo"):

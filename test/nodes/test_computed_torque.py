@@ -12,7 +12,8 @@ from rclpy.parameter import Parameter
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_twist
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import write_twist
 from robot_dynamics.nodes.computed_torque.node import ComputedTorque
 
 LIBRARY = Dynamics(load_robot("panda"), compiled=False)
@@ -21,97 +22,105 @@ QUIET = {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.2}  # a busy
 
 
 @pytest.fixture
-def stand(start_server, client):
-    made = []
+def start_controller(start_server, client):
+    controller = []
 
     def start(parameters=None, namespace=None):
         target = start_server({**QUIET, **(parameters or {})}, namespace, executable="computed_torque")
-        made.append(ControllerProbe(target, client))
-        return made[-1]
+        controller.append(ControllerProbe(target, client))
+        return controller[-1]
 
     yield start
-    for one in made:
-        one.close()
+    for probe in controller:
+        probe.close()
 
 
-def last(stand):
-    return stand.commands[-1][1]
+def last(start_controller):
+    return start_controller.commands[-1][1]
 
 
-def test_efforts_hold_the_robot_in_the_order_of_the_joints_and_by_name(stand):
+def test_efforts_hold_the_robot_in_joint_order_and_by_name(start_controller):
     order = [6, 0, 3, 1, 2, 5, 4]
-    made = stand({"mode": "gravity_compensation", "joints": [PANDA[k] for k in order]})
-    made.stream_until_steady(q=Q[::-1], names=PANDA[::-1])
+    controller = start_controller({"mode": "gravity_compensation", "joints": [PANDA[k] for k in order]})
+    controller.stream_until_steady(q=Q[::-1], names=PANDA[::-1])
     expected = LIBRARY.gravity(Q)
-    np.testing.assert_allclose(last(made), expected[order], atol=1e-9)
-    assert list(made.efforts[-1].name) == [PANDA[k] for k in order]
-    np.testing.assert_allclose(made.efforts[-1].effort, expected[order], atol=1e-9)
-    assert {to_nanoseconds(effort.header.stamp) for effort in made.efforts[-10:]} < set(
-        made.state_stamps
-    )  # what they answer
+    np.testing.assert_allclose(last(controller), expected[order], atol=1e-9)
+    assert list(controller.efforts[-1].name) == [PANDA[k] for k in order]
+    np.testing.assert_allclose(controller.efforts[-1].effort, expected[order], atol=1e-9)
+    assert {to_nanoseconds(effort.header.stamp) for effort in controller.efforts[-10:]} < set(
+        controller.state_stamps
+    )  # of the states that they belong to
     # names that change, and joints of other robots beside
-    other = Q + 0.1
-    settled = lambda: np.abs(last(made) - LIBRARY.gravity(other)[order]).max() < 1e-9  # noqa: E731
-    made.stream_until(settled, "efforts of the other pose", q=[9.0, *other], names=["other_joint", *PANDA])
-    # nobody needs velocities to hold a robot
-    made.stream_until(lambda: np.abs(last(made) - expected[order]).max() < 1e-9, "without velocities", qd=[])
-    made.stream_until(lambda: made.states, "~/state")
-    assert list(made.states[-1].joint_names) == [PANDA[k] for k in order] and len(made.states[-1].points) == 4
+    other_pose = Q + 0.1
+    is_at_other_pose = lambda: np.abs(last(controller) - LIBRARY.gravity(other_pose)[order]).max() < 1e-9  # noqa: E731
+    controller.stream_until(
+        is_at_other_pose, "efforts of the other pose", q=[9.0, *other_pose], names=["other_joint", *PANDA]
+    )
+    # velocities are not required to hold a robot
+    controller.stream_until(
+        lambda: np.abs(last(controller) - expected[order]).max() < 1e-9, "without velocities", qd=[]
+    )
+    controller.stream_until(lambda: controller.states, "~/state")
+    assert (
+        list(controller.states[-1].joint_names) == [PANDA[k] for k in order] and len(controller.states[-1].points) == 4
+    )
 
 
-def test_a_trajectory_is_followed_by_its_time_stamps_and_held_at_its_end(stand):
-    made = stand({"kp": [100.0], "kd": [20.0]})
-    made.stream_until_steady()
+def test_trajectory_is_followed_by_its_time_stamps_and_held_at_its_end(start_controller):
+    controller = start_controller({"kp": [100.0], "kd": [20.0]})
+    controller.stream_until_steady()
     goal, order = Q + 0.2, [3, 1, 2, 0, 6, 5, 4]
     rest = np.zeros((2, 7))
     sent = trajectory_message([PANDA[k] for k in order], [0.0, 1.0], [Q[order], goal[order]], rest, rest)
-    made.reference.publish(sent)
+    controller.reference.publish(sent)
     began = time.time()
-    made.stream_until(lambda: time.time() > began + 1.5, "the end")
-    # the robot stands still all the while, so that efforts tell what was wanted when
+    controller.stream_until(lambda: time.time() > began + 1.5, "the end")
+    # the robot stands still, so that the efforts follow from the reference alone
     reached = LIBRARY.inverse(Q, np.zeros(7), 100 * (goal - Q))
-    np.testing.assert_allclose(last(made), np.clip(reached, -LIMITS, LIMITS), atol=1e-9)
-    wanted, feedback, error, output = made.states[-1].points
+    np.testing.assert_allclose(last(controller), np.clip(reached, -LIMITS, LIMITS), atol=1e-9)
+    wanted, feedback, error, output = controller.states[-1].points
     np.testing.assert_allclose(wanted.positions, goal, atol=1e-12)
     np.testing.assert_allclose(feedback.positions, Q, atol=1e-12)
     np.testing.assert_allclose(error.positions, goal - Q, atol=1e-12)
     assert len(output.effort) == 7
-    for state in made.states:
+    for state in controller.states:
         if len(state.points[0].positions):
             at = state.header.stamp.sec + state.header.stamp.nanosec * 1e-9 - began
             s = np.clip(at, 0, 1)
             expected = Q + (goal - Q) * (10 * s**3 - 15 * s**4 + 6 * s**5)
-            # by some ms: a message travels, and the state is older than the message that tells of it
+            # by some ms: a message is in transit, and the state is older than its message
             assert np.abs(np.array(state.points[0].positions) - expected).max() < 0.2 * 1.9 * 0.1
 
 
-def test_single_points_are_followed_while_they_come(stand):
-    made = stand({"reference_timeout": 0.3, "without_reference": "gravity", "mode": "feedforward"})
-    made.stream_until_steady()
-    held, a = last(made), np.linspace(-1, 1, 7)
+def test_single_points_are_followed_while_they_come(start_controller):
+    controller = start_controller({"reference_timeout": 0.3, "without_reference": "gravity", "mode": "feedforward"})
+    controller.stream_until_steady()
+    is_held, a = last(controller), np.linspace(-1, 1, 7)
     point = trajectory_message(PANDA, [0.0], [Q], [np.zeros(7)], [a])
     wanted = LIBRARY.inverse(Q, np.zeros(7), a)
     seen = []
 
     def followed():
-        made.reference_point.publish(point)
-        seen.append(np.abs(last(made) - wanted).max())
+        controller.reference_point.publish(point)
+        seen.append(np.abs(last(controller) - wanted).max())
         return min(seen) < 0.6  # the point goes on with its acceleration until the next one
 
-    made.stream_until(followed, "efforts of the point")
-    made.stream_until(lambda: made.has_diagnostic("no point of the stream for more than 300 ms"), "the loss")
-    made.stream_until(lambda: np.abs(last(made) - held).max() < 1e-9, "gravity")
+    controller.stream_until(followed, "efforts of the point")
+    controller.stream_until(
+        lambda: controller.has_diagnostic("no point of the stream for more than 300 ms"), "the loss"
+    )
+    controller.stream_until(lambda: np.abs(last(controller) - is_held).max() < 1e-9, "gravity")
 
 
-def test_references_that_do_not_fit_are_refused_with_a_reason(stand):
-    made = stand()
-    made.stream_until_steady()
+def test_invalid_references_are_refused_with_a_reason(start_controller):
+    controller = start_controller()
+    controller.stream_until_steady()
     two, rest = [0.0, 1.0], np.zeros((2, 7))
     with_effort = trajectory_message(PANDA, two, [Q, Q])
     with_effort.points[1].effort = [1.0] * 7
     uneven = trajectory_message(PANDA, two, [Q, Q], rest)
     uneven.points[1].velocities = [0.0] * 6
-    for message, said in (
+    for message, expected_text in (
         (trajectory_message(PANDA[:6], two, [Q[:6]] * 2), "joints missing: 'panda_joint7'"),
         (trajectory_message([*PANDA[:6], "panda_joint8"], two, [Q, Q]), "unknown joint 'panda_joint8'"),
         (trajectory_message(PANDA, [1.0, 0.5], [Q, Q]), "points[1].time_from_start is not after"),
@@ -122,22 +131,27 @@ def test_references_that_do_not_fit_are_refused_with_a_reason(stand):
         (uneven, "points[1].velocities has 6 values: 7 are needed"),
         (trajectory_message(PANDA, two, [Q, [*Q[:3], 0.2, *Q[4:]]]), "points[1].positions has 0.2 for 'panda_joint4'"),
     ):
-        made.reference.publish(message)
-        made.stream_until(lambda said=said: made.has_diagnostic(f"reference refused: {said}"), said)
-    made.reference_point.publish(trajectory_message(PANDA, two, [Q, Q]))
-    made.stream_until(lambda: made.has_diagnostic("reference_point refused: 2 points came"), "two points")
-    np.testing.assert_allclose(last(made), LIBRARY.gravity(Q), atol=1e-9)
+        controller.reference.publish(message)
+        controller.stream_until(
+            lambda expected_text=expected_text: controller.has_diagnostic(f"reference refused: {expected_text}"),
+            expected_text,
+        )
+    controller.reference_point.publish(trajectory_message(PANDA, two, [Q, Q]))
+    controller.stream_until(lambda: controller.has_diagnostic("reference_point refused: 2 points came"), "two points")
+    np.testing.assert_allclose(last(controller), LIBRARY.gravity(Q), atol=1e-9)
 
 
-def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
-    made = stand({"kp": 50, "kd": [10.0] * 7})
-    made.stream_until_steady()
+def test_modes_gains_limits_and_payload_change_at_run_time(start_controller):
+    controller = start_controller({"kp": 50, "kd": [10.0] * 7})
+    controller.stream_until_steady()
     goal = Q + 0.05
-    made.reference.publish(trajectory_message(PANDA, [0.0, 0.1], [Q, goal]))
+    controller.reference.publish(trajectory_message(PANDA, [0.0, 0.1], [Q, goal]))
     e = goal - Q
 
-    def comes_to(expected, what):
-        made.stream_until(lambda: np.abs(last(made) - np.clip(expected, -LIMITS, LIMITS)).max() < 1e-9, what)
+    def comes_to(expected, description):
+        controller.stream_until(
+            lambda: np.abs(last(controller) - np.clip(expected, -LIMITS, LIMITS)).max() < 1e-9, description
+        )
 
     comes_to(LIBRARY.inverse(Q, np.zeros(7), 50 * e), "computed torque")
     for changes, expected in (
@@ -146,88 +160,92 @@ def test_modes_gains_limits_and_payload_change_while_it_runs(stand):
         ({"mode": "gravity_compensation"}, LIBRARY.gravity(Q)),
         ({"effort_limits": [9.0] * 7}, np.clip(LIBRARY.gravity(Q), -9, 9)),
     ):
-        count = len(made.commands)
-        assert made.set_parameters(**changes).successful
+        count = len(controller.commands)
+        assert controller.set_parameters(**changes).successful
         comes_to(expected, str(changes))
-        steps = np.abs(np.diff([efforts for _, efforts in made.commands[count:]], axis=0)).max()
+        steps = np.abs(np.diff([efforts for _, efforts in controller.commands[count:]], axis=0)).max()
         assert "effort_limits" in changes or steps < 20, "a jump"
-    made.stream_until(lambda: made.has_diagnostic("at its limit: panda_joint2"), "saturation")
-    assert made.set_parameters(effort_limits=[80.0] * 7).successful
+    controller.stream_until(lambda: controller.has_diagnostic("at its limit: panda_joint2"), "saturation")
+    assert controller.set_parameters(effort_limits=[80.0] * 7).successful
     payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
-    assert made.client.set_parameters(made.target, payload).successful
+    assert controller.client.set_parameters(controller.target, payload).successful
     loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2]))
     comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
 
 
-def test_springs_behind_motors_need_no_state_and_their_links_follow(stand):
+def test_springs_behind_motors_need_no_state_and_their_links_follow(start_controller):
     manutec = Dynamics(load_robot("manutec_r3"), compiled=False)
-    made = stand({"robot_file": "manutec_r3", "mode": "feedforward", "ramp_time": 0.01})
+    controller = start_controller({"robot_file": "manutec_r3", "mode": "feedforward", "ramp_time": 0.01})
     motors = [name for name in manutec.joint_names if name not in manutec.unactuated_joint_names]
     state = {"q": np.array([0.0, 0.5, 0.4, 0.2, -0.3, 0.1]), "qd": np.zeros(6), "names": motors}
     goal = np.array([0.1, 0.7, 0.5, 0.2, -0.2, 0.1])
-    made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
-    made.reference.publish(trajectory_message(motors, [0.0, 0.1], [goal, goal]))
-    made.stream_until(
-        lambda: any(message == "feedforward" for _, message, _ in made.diagnostics), "no objection", **state
+    controller.stream_until(lambda: len(controller.commands) > 5, "efforts", **state)
+    controller.reference.publish(trajectory_message(motors, [0.0, 0.1], [goal, goal]))
+    controller.stream_until(
+        lambda: any(message == "feedforward" for _, message, _ in controller.diagnostics), "no objection", **state
     )
-    # the springs hold the links where the reference wants them, and motors hold the springs
+    # the springs hold the links at the reference, and the motors hold the springs
     q, springs = np.zeros(9), [manutec.joint_names.index(name) for name in manutec.unactuated_joint_names]
     q[[manutec.joint_names.index(name) for name in motors]] = goal
-    held = manutec.gravity(q)
-    assert np.abs(held[springs]).max() > 10
-    expected = [held[manutec.joint_names.index(name)] for name in motors]
-    made.stream_until(lambda: np.abs(last(made) - expected).max() < 1e-9, "the efforts of the goal", **state)
+    is_held = manutec.gravity(q)
+    assert np.abs(is_held[springs]).max() > 10
+    expected = [is_held[manutec.joint_names.index(name)] for name in motors]
+    controller.stream_until(
+        lambda: np.abs(last(controller) - expected).max() < 1e-9, "the efforts of the goal", **state
+    )
 
 
-def test_friction_is_that_of_the_reference_or_where_it_is_wanted_of_the_measured_velocity(stand):
+def test_friction_compensation_uses_the_reference_or_the_measured_velocity(start_controller):
     puma = Dynamics(load_robot("puma560"), compiled=False)
     q, qd = np.array([0.1, -0.5, 0.3, 0.2, 0.4, -0.3]), np.array([0.2, -0.1, 0.3, -0.2, 0.1, 0.4])
-    made = stand({"robot_file": "puma560"})
+    controller = start_controller({"robot_file": "puma560"})
     state = {"q": q, "qd": qd, "names": puma.joint_names}
-    made.stream_until(lambda: len(made.commands) > 5, "efforts", **state)
-    made.reference.publish(trajectory_message(puma.joint_names, [0.0, 0.1], [q, q]))
+    controller.stream_until(lambda: len(controller.commands) > 5, "efforts", **state)
+    controller.reference.publish(trajectory_message(puma.joint_names, [0.0, 0.1], [q, q]))
     without = puma.inverse(q, qd, -20 * qd) - puma.friction(qd)
     assert np.abs(puma.friction(qd)).min() > 0.1
 
-    def comes_to(expected, what):
-        made.stream_until(lambda: np.abs(last(made) - expected).max() < 1e-9, what, **state)
+    def comes_to(expected, description):
+        controller.stream_until(lambda: np.abs(last(controller) - expected).max() < 1e-9, description, **state)
 
     comes_to(without, "friction at the velocity of the reference, zero")
-    assert made.set_parameters(friction_velocity="measured").successful
+    assert controller.set_parameters(friction_velocity="measured").successful
     comes_to(without + puma.friction(qd), "friction at the measured velocity")
 
 
-def test_parameters_that_cannot_be_are_refused_with_a_reason(stand):
-    made = stand()
-    made.stream_until_steady()
-    for change, said in (
+def test_invalid_parameters_are_refused_with_a_reason(start_controller):
+    controller = start_controller()
+    controller.stream_until_steady()
+    for change, expected_text in (
         ({"mode": "computed_torqe"}, "did you mean 'computed_torque'"),
         ({"mode": 3}, "a text is needed"),
         ({"friction_velocity": "mesured"}, "did you mean 'measured'"),
         ({"kp": [1.0, 2.0]}, "kp has 2 values: 7 are needed"),
-        ({"kp": [-1.0]}, "zero or more"),
-        ({"kd": float("nan")}, "zero or more"),
+        ({"kp": [-1.0]}, "0 or more"),
+        ({"kd": float("nan")}, "0 or more"),
         ({"effort_limits": [1.0]}, "effort_limits has 1 values: 7 are needed"),
         ({"without_reference": "hold"}, "known are gravity, damp, zero"),
         ({"state_timeout": 0.0}, "0.0001 or more"),
         ({"ramp_time": float("inf")}, "0 or more"),
         ({"deadline_misses": 0}, "a whole number from 1 on"),
-        ({"joints": PANDA}, "clean it up before"),
+        ({"joints": PANDA}, "call cleanup first"),
         ({"robot_file": "ur5e"}, "deactivate the node"),
         ({"payload.link": "hand"}, "unknown link 'hand'"),
     ):
-        result = made.set_parameters(**change)
-        assert not result.successful and said in result.reason, (change, result.reason)
-    made.stream(0.1)
-    np.testing.assert_allclose(last(made), LIBRARY.gravity(Q), atol=1e-9)
+        result = controller.set_parameters(**change)
+        assert not result.successful and expected_text in result.reason, (change, result.reason)
+    controller.stream(0.1)
+    np.testing.assert_allclose(last(controller), LIBRARY.gravity(Q), atol=1e-9)
 
 
-def test_a_base_that_flies_is_told_by_odom(stand):
-    made = stand({"robot_file": "free_flying_arm", "gravity": [0.0, 0.0, -9.81]})
+def test_flying_base_is_read_from_odom(start_controller):
+    controller = start_controller({"robot_file": "free_flying_arm", "gravity": [0.0, 0.0, -9.81]})
     library = Dynamics(load_robot("free_flying_arm", gravity=(0, 0, -9.81)), compiled=False)
     q, qd, twist = np.linspace(-0.5, 0.5, 6), np.linspace(0.2, -0.2, 6), np.array([0.1, 0.2, -0.1, 0.3, -0.2, 0.1])
     state = {"q": q, "qd": qd, "names": library.joint_names}
-    made.stream_until(lambda: made.has_diagnostic("no odom yet, and the base of the robot moves"), "the cause", **state)
+    controller.stream_until(
+        lambda: controller.has_diagnostic("no odom yet, and the base of the robot moves"), "the cause", **state
+    )
     turned = Rotation.from_rotvec([0.3, -0.2, 0.5])
     pose = np.eye(4)
     pose[:3, :3] = turned.as_matrix()
@@ -237,67 +255,73 @@ def test_a_base_that_flies_is_told_by_odom(stand):
     odom.pose.pose.orientation.x, odom.pose.pose.orientation.y, odom.pose.pose.orientation.z = x, y, z
     odom.twist.twist = write_twist(twist)
 
-    def held():
-        made.odom.publish(odom)
-        return np.abs(last(made) - expected).max() < 1e-9
+    def is_held():
+        controller.odom.publish(odom)
+        return np.abs(last(controller) - expected).max() < 1e-9
 
-    made.stream_until(held, "efforts", **state)
-    made.stream_until(
-        lambda: made.has_diagnostic("efforts go to zero: no odom for more than 200 ms"), "the loss", **state
+    controller.stream_until(is_held, "efforts", **state)
+    controller.stream_until(
+        lambda: controller.has_diagnostic("efforts go to zero: no odom for more than 200 ms"), "the loss", **state
     )
     odom.child_frame_id = "base_footprint"
-    refused = lambda: made.odom.publish(odom) or made.has_diagnostic("odom refused: unknown base link 'base_foot")  # noqa: E731
-    made.stream_until(refused, "the refusal", **state)
+
+    def refused():
+        controller.odom.publish(odom)
+        return controller.has_diagnostic("odom refused: unknown base link 'base_foot")
+
+    controller.stream_until(refused, "the refusal", **state)
 
 
-def test_its_life_cycle_begins_and_ends_with_zeros(stand):
-    made = stand({"autostart": False, "mode": "gravity_compensation"})
-    assert not made.change_state(Transition.TRANSITION_ACTIVATE)
-    assert made.change_state(Transition.TRANSITION_CONFIGURE)
-    made.stream(0.3)
-    assert not made.commands
-    assert made.change_state(Transition.TRANSITION_ACTIVATE)
-    made.stream_until_steady()
-    assert np.abs(made.commands[0][1]).max() == 0
-    assert made.change_state(Transition.TRANSITION_DEACTIVATE)
-    made.wait_until(lambda: np.abs(last(made)).max() == 0, "zeros")
-    count = len(made.commands)
-    made.stream(0.2)
-    assert len(made.commands) == count
-    assert made.set_parameters(robot_file="ur5e").successful
-    assert made.change_state(Transition.TRANSITION_CLEANUP) and made.change_state(Transition.TRANSITION_CONFIGURE)
-    assert made.change_state(Transition.TRANSITION_ACTIVATE)
+def test_life_cycle_starts_and_ends_with_zero_efforts(start_controller):
+    controller = start_controller({"autostart": False, "mode": "gravity_compensation"})
+    assert not controller.change_state(Transition.TRANSITION_ACTIVATE)
+    assert controller.change_state(Transition.TRANSITION_CONFIGURE)
+    controller.stream(0.3)
+    assert not controller.commands
+    assert controller.change_state(Transition.TRANSITION_ACTIVATE)
+    controller.stream_until_steady()
+    assert np.abs(controller.commands[0][1]).max() == 0
+    assert controller.change_state(Transition.TRANSITION_DEACTIVATE)
+    controller.wait_until(lambda: np.abs(last(controller)).max() == 0, "zeros")
+    count = len(controller.commands)
+    controller.stream(0.2)
+    assert len(controller.commands) == count
+    assert controller.set_parameters(robot_file="ur5e").successful
+    assert controller.change_state(Transition.TRANSITION_CLEANUP) and controller.change_state(
+        Transition.TRANSITION_CONFIGURE
+    )
+    assert controller.change_state(Transition.TRANSITION_ACTIVATE)
     ur5e = Dynamics(load_robot("ur5e"), compiled=False)
-    made.stream_until_steady(q=Q[:6], names=ur5e.joint_names)
-    np.testing.assert_allclose(last(made), ur5e.gravity(Q[:6]), atol=1e-9)
+    controller.stream_until_steady(q=Q[:6], names=ur5e.joint_names)
+    np.testing.assert_allclose(last(controller), ur5e.gravity(Q[:6]), atol=1e-9)
 
 
-def test_two_robots_stand_side_by_side_in_one_process_and_topics_are_remapped(ros, client):
-    nodes, stands, executor = [], [], SingleThreadedExecutor()
+def test_two_nodes_run_in_one_process_with_remapped_topics(ros, client):
+    nodes, probes, executor = [], [], SingleThreadedExecutor()
     robots = {"/left": "panda", "/right": "ur5e"}
     try:
         for namespace, robot in robots.items():
-            told = {**QUIET, "robot_file": robot, "mode": "gravity_compensation"}
-            overrides = [Parameter(name, value=value) for name, value in told.items()]
+            robot_parameters = {**QUIET, "robot_file": robot, "mode": "gravity_compensation"}
+            overrides = [Parameter(name, value=value) for name, value in robot_parameters.items()]
             arguments = ["--ros-args", "-r", f"__ns:={namespace}", "-r", "joint_states:=encoders"]
             nodes.append(ComputedTorque(parameter_overrides=overrides, cli_args=arguments))
             executor.add_node(nodes[-1])
-            stands.append(ControllerProbe(f"{namespace}/computed_torque", client, states="encoders"))
+            probes.append(ControllerProbe(f"{namespace}/computed_torque", client, states="encoders"))
         libraries = [Dynamics(load_robot(robot), compiled=False) for robot in robots.values()]
         expected = [library.gravity(Q[: len(library.joint_names)]) for library in libraries]
         until = time.monotonic() + 20
         while any(
-            not one.commands or np.abs(last(one) - efforts).max() > 1e-9
-            for one, efforts in zip(stands, expected, strict=True)
+            not probe.commands or np.abs(last(probe) - efforts).max() > 1e-9
+            for probe, efforts in zip(probes, expected, strict=True)
         ):
-            assert time.monotonic() < until, [one.diagnostics[-1:] for one in stands]
-            for one, library in zip(stands, libraries, strict=True):
-                one.publish(q=Q[: len(library.joint_names)], names=library.joint_names)
+            assert time.monotonic() < until, [probe.diagnostics[-1:] for probe in probes]
+            for probe, library in zip(probes, libraries, strict=True):
+                probe.publish(q=Q[: len(library.joint_names)], names=library.joint_names)
             for _ in range(8):
                 executor.spin_once(timeout_sec=0.001)
     finally:
-        for one in stands:
-            one.close()
+        for probe in probes:
+            probe.close()
         executor.shutdown()
         for node in nodes:
             node.destroy_node()

@@ -1,4 +1,4 @@
-"""The loop closed at 1 kHz over real topics with MuJoCo in a process of its own: what the model brings."""
+"""The loop closed at 1 kHz over real topics, with MuJoCo in a process of its own: how much the model reduces errors."""
 
 import os
 import re
@@ -28,7 +28,7 @@ def rubbing_panda(masses=1.0):
     urdf, friction = shipped_robots()["panda"].read_text(), iter(COULOMB)
     urdf = re.sub(r"</joint>", lambda _: f'<dynamics damping="{VISCOUS}" friction="{next(friction)}"/></joint>', urdf,
                   count=len(COULOMB))  # fmt: skip
-    scaled = lambda found: f'{found[1]}="{masses * float(found[2])}"'  # noqa: E731
+    scaled = lambda match: f'{match[1]}="{masses * float(match[2])}"'  # noqa: E731
     urdf = re.sub(r'(<mass value)="([^"]+)"', scaled, urdf)
     return re.sub(r'\b(i[xyz]{2})="([^"]+)"', scaled, urdf)
 
@@ -63,10 +63,10 @@ def reactivated(client, controller, changes):
             assert client.call(ChangeState, f"{controller}/change_state", request).success
 
 
-def test_the_model_makes_errors_ten_times_smaller_than_gains_and_gravity_alone(start_module_server, client, urdfs):
-    told = {"kp": [FREQUENCY**2], "kd": [2 * FREQUENCY], "use_sim_time": True, "deadline": 5.0}
-    told["robot_file"] = str(urdfs / "panda.urdf")
-    controller = start_module_server(told, executable="computed_torque")
+def test_model_makes_errors_ten_times_smaller_than_gains_and_gravity_alone(start_module_server, client, urdfs):
+    parameters = {"kp": [FREQUENCY**2], "kd": [2 * FREQUENCY], "use_sim_time": True, "deadline": 5.0}
+    parameters["robot_file"] = str(urdfs / "panda.urdf")
+    controller = start_module_server(parameters, executable="computed_torque")
     errors = {}
     print(f"\nrms error of the joints over {SECONDS:g} s at 1 kHz, 3 Hz critically damped [mrad]")
     for name, changes in {

@@ -1,4 +1,4 @@
-"""dynamics_server in a process of its own answers what the library answers, by name, whole and in order."""
+"""dynamics_server in a process of its own returns the results of the library, by name, complete and in order."""
 
 import threading
 
@@ -22,38 +22,38 @@ from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.dynamics import BASE_ROWS
-from robot_dynamics.nodes.processes import ServiceClient
+from robot_dynamics.nodes.client import ServiceClient
 
 
-def test_inverse_and_direct_answer_as_the_library(client, panda, panda_dynamics):
+def test_inverse_and_direct_dynamics_are_those_of_the_library(client, panda, panda_dynamics):
     q, qd, qdd = motion(50, 7)
-    answer = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
+    response = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
     efforts = panda_dynamics.inverse(q, qd, qdd)
-    assert list(answer.trajectory.joint_names) == PANDA
+    assert list(response.trajectory.joint_names) == PANDA
     for name, expected in (("positions", q), ("velocities", qd), ("accelerations", qdd), ("effort", efforts)):
-        np.testing.assert_array_equal(field(answer.trajectory, name), expected)
-    assert answer.base.points == [] and answer.reactions == []
+        np.testing.assert_array_equal(field(response.trajectory, name), expected)
+    assert response.base.points == [] and response.reactions == []
     back = call_successfully(client, panda, direct_request(PANDA, q, qd, efforts))
     np.testing.assert_array_equal(field(back.trajectory, "accelerations"), panda_dynamics.direct(q, qd, efforts))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd, atol=1e-9)
 
 
-def test_terms_answer_as_the_library(client, panda, panda_dynamics):
+def test_terms_are_those_of_the_library(client, panda, panda_dynamics):
     q, qd, _ = motion(1, 7)[:, 0]
-    answer = call_successfully(client, panda, terms_request(PANDA, q, qd))
-    assert list(answer.joint_names) == PANDA
-    np.testing.assert_array_equal(np.reshape(answer.inertia_matrix, (7, 7)), panda_dynamics.inertia_matrix(q))
-    np.testing.assert_array_equal(answer.coriolis, panda_dynamics.coriolis(q, qd))
-    np.testing.assert_array_equal(answer.gravity, panda_dynamics.gravity(q))
-    np.testing.assert_array_equal(answer.friction, panda_dynamics.friction(qd))
+    response = call_successfully(client, panda, terms_request(PANDA, q, qd))
+    assert list(response.joint_names) == PANDA
+    np.testing.assert_array_equal(np.reshape(response.inertia_matrix, (7, 7)), panda_dynamics.inertia_matrix(q))
+    np.testing.assert_array_equal(response.coriolis, panda_dynamics.coriolis(q, qd))
+    np.testing.assert_array_equal(response.gravity, panda_dynamics.gravity(q))
+    np.testing.assert_array_equal(response.friction, panda_dynamics.friction(qd))
 
 
-def test_ten_thousand_points_come_back_whole_and_in_order(client, panda, panda_dynamics):
+def test_ten_thousand_points_are_returned_complete_and_in_order(client, panda, panda_dynamics):
     q, qd, qdd = motion(10_000, 7)
-    answer = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
-    np.testing.assert_array_equal(field(answer.trajectory, "positions"), q)
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
-    times = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in answer.trajectory.points]
+    response = call_successfully(client, panda, inverse_request(PANDA, q, qd, qdd))
+    np.testing.assert_array_equal(field(response.trajectory, "positions"), q)
+    np.testing.assert_array_equal(field(response.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
+    times = [p.time_from_start.sec * 10**9 + p.time_from_start.nanosec for p in response.trajectory.points]
     assert times == [k * STEP_NS for k in range(10_000)]
 
 
@@ -61,10 +61,10 @@ def test_joints_in_another_order_are_matched_by_name(client, panda, panda_dynami
     q, qd, qdd = motion(3, 7)
     order = [4, 0, 6, 2, 1, 5, 3]
     names = [PANDA[k] for k in order]
-    answer = call_successfully(client, panda, inverse_request(names, q[:, order], qd[:, order], qdd[:, order]))
-    assert list(answer.trajectory.joint_names) == names
+    response = call_successfully(client, panda, inverse_request(names, q[:, order], qd[:, order], qdd[:, order]))
+    assert list(response.trajectory.joint_names) == names
     efforts = panda_dynamics.inverse(q, qd, qdd)
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), efforts[:, order])
+    np.testing.assert_array_equal(field(response.trajectory, "effort"), efforts[:, order])
     back = call_successfully(client, panda, direct_request(names, q[:, order], qd[:, order], efforts[:, order]))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd[:, order], atol=1e-9)
     terms = call_successfully(client, panda, terms_request(names, q[0, order], qd[0, order]))
@@ -84,9 +84,9 @@ def test_joints_and_links_are_matched_under_the_namespace_of_the_node(client, st
         names = [prefix + name for name in reversed(PANDA)]
         request = inverse_request(names, q[:, ::-1], qd[:, ::-1], qdd[:, ::-1])
         request.external_wrenches = [wrench(f"{prefix}panda_link8", weight)]
-        answer = call_successfully(client, server, request)
-        assert list(answer.trajectory.joint_names) == names
-        np.testing.assert_allclose(field(answer.trajectory, "effort"), expected[:, ::-1], rtol=1e-12, atol=1e-12)
+        response = call_successfully(client, server, request)
+        assert list(response.trajectory.joint_names) == names
+        np.testing.assert_allclose(field(response.trajectory, "effort"), expected[:, ::-1], rtol=1e-12, atol=1e-12)
 
 
 def test_wrenches_act_at_the_points_of_their_stamp_and_add_up(client, panda, panda_dynamics):
@@ -110,16 +110,16 @@ def test_reactions_name_the_link_and_the_point(client, panda, panda_dynamics):
     q, qd, qdd = motion(2, 7)
     names = PANDA[::-1]
     request = inverse_request(names, q[:, ::-1], qd[:, ::-1], qdd[:, ::-1], reaction_wrenches=True)
-    answer = call_successfully(client, panda, request)
+    response = call_successfully(client, panda, request)
     expected = panda_dynamics.solve(q, qd, qdd=qdd).reactions
     links = ["panda_link0", *(f"panda_link{k}" for k in range(7, 0, -1))]
-    assert [r.header.frame_id for r in answer.reactions] == links * 2
-    assert [r.header.stamp.nanosec for r in answer.reactions] == [0] * 8 + [STEP_NS] * 8
-    found = np.array([wrench_values(r) for r in answer.reactions]).reshape(2, 8, 6)
-    np.testing.assert_array_equal(found, expected[:, [0, 7, 6, 5, 4, 3, 2, 1]])
+    assert [r.header.frame_id for r in response.reactions] == links * 2
+    assert [r.header.stamp.nanosec for r in response.reactions] == [0] * 8 + [STEP_NS] * 8
+    returned_reactions = np.array([wrench_values(r) for r in response.reactions]).reshape(2, 8, 6)
+    np.testing.assert_array_equal(returned_reactions, expected[:, [0, 7, 6, 5, 4, 3, 2, 1]])
 
 
-def test_moving_base_answers_as_the_library(client, start_server):
+def test_moving_base_is_that_of_the_library(client, start_server):
     server = start_server({"robot_file": "free_flying_arm"})
     panda_dynamics = Dynamics(load_robot("free_flying_arm"), compiled=False)
     joints = list(panda_dynamics.joint_names)
@@ -128,47 +128,47 @@ def test_moving_base_answers_as_the_library(client, start_server):
     rotations, positions, twists = Rotation.random(3, random_state=1), rng.normal(size=(3, 3)), rng.normal(size=(3, 6))
     pose = np.tile(np.eye(4), (3, 1, 1))
     pose[:, :3, :3], pose[:, :3, 3] = rotations.as_matrix(), positions
-    question = base_trajectory(rotations.as_quat(), positions, twists)
+    base_motion = base_trajectory(rotations.as_quat(), positions, twists)
 
     expected = panda_dynamics.solve(q, qd, qdd=qdd, base=Base(pose, twists))
-    answer = call_successfully(client, server, inverse_request(joints, q, qd, qdd, base=question))
-    np.testing.assert_allclose(field(answer.trajectory, "effort"), expected.efforts, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(base_accelerations(answer.base), expected.base_acceleration, rtol=1e-9, atol=1e-9)
-    assert answer.base.joint_names == [panda_dynamics.robot.base_link]
-    assert answer.base.points[2].transforms[0] == question.points[2].transforms[0]
-    back = call_successfully(client, server, direct_request(joints, q, qd, expected.efforts, base=question))
+    response = call_successfully(client, server, inverse_request(joints, q, qd, qdd, base=base_motion))
+    np.testing.assert_allclose(field(response.trajectory, "effort"), expected.efforts, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(base_accelerations(response.base), expected.base_acceleration, rtol=1e-9, atol=1e-9)
+    assert response.base.joint_names == [panda_dynamics.robot.base_link]
+    assert response.base.points[2].transforms[0] == base_motion.points[2].transforms[0]
+    back = call_successfully(client, server, direct_request(joints, q, qd, expected.efforts, base=base_motion))
     np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd, atol=1e-7)
 
-    told = rng.normal(size=(3, 6))
+    prescribed = rng.normal(size=(3, 6))
     request = inverse_request(joints, q, qd, qdd, reaction_wrenches=True)
-    request.base = base_trajectory(rotations.as_quat(), positions, twists, told)
-    answer = call_successfully(client, server, request)
-    expected = panda_dynamics.solve(q, qd, qdd=qdd, base=Base(pose, twists, told))
-    np.testing.assert_allclose(base_accelerations(answer.base), told, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(wrench_values(answer.reactions[0]), expected.reactions[0, 0], rtol=1e-9)
+    request.base = base_trajectory(rotations.as_quat(), positions, twists, prescribed)
+    response = call_successfully(client, server, request)
+    expected = panda_dynamics.solve(q, qd, qdd=qdd, base=Base(pose, twists, prescribed))
+    np.testing.assert_allclose(base_accelerations(response.base), prescribed, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(wrench_values(response.reactions[0]), expected.reactions[0, 0], rtol=1e-9)
 
-    answer = call_successfully(client, server, terms_request(joints, q[1], qd[1], question.points[1]))
+    response = call_successfully(client, server, terms_request(joints, q[1], qd[1], base_motion.points[1]))
     size, base = 6 + len(joints), Base(pose[1], twists[1])
-    assert list(answer.joint_names) == [*BASE_ROWS, *joints]
+    assert list(response.joint_names) == [*BASE_ROWS, *joints]
     np.testing.assert_allclose(
-        np.reshape(answer.inertia_matrix, (size, size)), panda_dynamics.inertia_matrix(q[1]), rtol=1e-12
+        np.reshape(response.inertia_matrix, (size, size)), panda_dynamics.inertia_matrix(q[1]), rtol=1e-12
     )
-    np.testing.assert_allclose(answer.coriolis, panda_dynamics.coriolis(q[1], qd[1], base=base), rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(answer.gravity, panda_dynamics.gravity(q[1], base=base), rtol=1e-9, atol=1e-9)
-    np.testing.assert_array_equal(answer.friction, np.zeros(size))
+    np.testing.assert_allclose(response.coriolis, panda_dynamics.coriolis(q[1], qd[1], base=base), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(response.gravity, panda_dynamics.gravity(q[1], base=base), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(response.friction, np.zeros(size))
 
 
-def test_base_and_gravity_parameters_are_heard(client, start_server):
+def test_base_and_gravity_parameters_take_effect(client, start_server):
     urdf = real_urdf("borinot")
     server = start_server({"robot_description": urdf, "base": "fixed", "gravity": [0.0, 3.0, 0.0]})
     panda_dynamics = Dynamics(load_robot(urdf, moving_base=False, gravity=(0, 3, 0)), compiled=False)
     q, qd, qdd = motion(2, len(panda_dynamics.joint_names))
-    answer = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
+    response = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd))
+    np.testing.assert_array_equal(field(response.trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd))
     assert client.set_parameters(server, {"base": "moving"}).successful
     base = base_trajectory([[0, 0, 0, 1]] * 2, np.zeros((2, 3)), np.zeros((2, 6)))
-    answer = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd, base=base))
-    assert len(answer.base.points) == 2
+    response = call_successfully(client, server, inverse_request(panda_dynamics.joint_names, q, qd, qdd, base=base))
+    assert len(response.base.points) == 2
 
 
 def test_mimic_joints_may_be_left_out_and_are_appended(client, start_server):
@@ -176,29 +176,29 @@ def test_mimic_joints_may_be_left_out_and_are_appended(client, start_server):
     server, panda_dynamics = start_server({"robot_description": urdf}), Dynamics(load_robot(urdf), compiled=False)
     joints, follower = list(panda_dynamics.joint_names), "panda_finger_joint2"
     q, qd, qdd = motion(2, 8)
-    answer = call_successfully(client, server, inverse_request(joints, q, qd, qdd, reaction_wrenches=True))
-    assert list(answer.trajectory.joint_names) == [*joints, follower]
-    np.testing.assert_array_equal(field(answer.trajectory, "positions"), panda_dynamics.expand_positions(q))
-    efforts = field(answer.trajectory, "effort")
+    response = call_successfully(client, server, inverse_request(joints, q, qd, qdd, reaction_wrenches=True))
+    assert list(response.trajectory.joint_names) == [*joints, follower]
+    np.testing.assert_array_equal(field(response.trajectory, "positions"), panda_dynamics.expand_positions(q))
+    efforts = field(response.trajectory, "effort")
     np.testing.assert_array_equal(efforts[:, :8], panda_dynamics.inverse(q, qd, qdd))
     np.testing.assert_array_equal(efforts[:, 8], 0)
-    assert len(answer.reactions) == 2 * 10
+    assert len(response.reactions) == 2 * 10
     named = [follower, *joints]
     both = [np.concatenate([values[:, 7:], values], axis=1) for values in (q, qd, qdd)]
-    answer = call_successfully(client, server, inverse_request(named, *both))
-    assert list(answer.trajectory.joint_names) == named
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), np.roll(efforts, 1, axis=1))
+    response = call_successfully(client, server, inverse_request(named, *both))
+    assert list(response.trajectory.joint_names) == named
+    np.testing.assert_array_equal(field(response.trajectory, "effort"), np.roll(efforts, 1, axis=1))
     # an effort on the follower counts at its leader
     shared = np.concatenate([np.full((2, 1), 0.5), efforts[:, :8]], axis=1)
     shared[:, 8] -= 0.5
     positions, velocities, _ = both
-    answer = call_successfully(client, server, direct_request(named, positions, velocities, shared))
-    np.testing.assert_allclose(field(answer.trajectory, "accelerations"), both[2], atol=1e-7)
+    response = call_successfully(client, server, direct_request(named, positions, velocities, shared))
+    np.testing.assert_allclose(field(response.trajectory, "accelerations"), both[2], atol=1e-7)
     terms = call_successfully(client, server, terms_request(named, positions[0], velocities[0]))
     assert list(terms.joint_names) == joints
 
 
-def test_payload_changed_while_running_shows_in_the_next_answer(client, start_server, panda_dynamics):
+def test_payload_changed_at_run_time_shows_in_the_next_response(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     q, qd, qdd = motion(5, 7)
     request = inverse_request(PANDA, q, qd, qdd)
@@ -226,25 +226,25 @@ def test_payload_changed_while_running_shows_in_the_next_answer(client, start_se
     )
 
 
-def test_no_request_is_dropped_while_the_robot_is_reloaded(client, start_server, panda_dynamics):
+def test_requests_are_not_dropped_while_the_robot_is_reloaded(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     q, qd, qdd = motion(1, 7)
     request = inverse_request(PANDA, q, qd, qdd)
     empty = panda_dynamics.inverse(q, qd, qdd)
     heavy = Dynamics(load_robot("panda", gravity=(0, 0, -98.1)), compiled=False).inverse(q, qd, qdd)
     call_successfully(client, server, request)
-    answers, faults, first, stop = [], [], threading.Event(), threading.Event()
+    responses, faults, first, stop = [], [], threading.Event(), threading.Event()
 
     def hammer():
-        other = ServiceClient("hammer")
+        other_client = ServiceClient("hammer")
         try:
             while not stop.is_set():
-                answers.append(field(call_successfully(other, server, request).trajectory, "effort"))
+                responses.append(field(call_successfully(other_client, server, request).trajectory, "effort"))
                 first.set()
         except BaseException as fault:  # told to the test below
             faults.append(fault)
         finally:
-            other.close()
+            other_client.close()
 
     thread = threading.Thread(target=hammer)
     thread.start()
@@ -259,5 +259,5 @@ def test_no_request_is_dropped_while_the_robot_is_reloaded(client, start_server,
         stop.set()
         thread.join(60)
     assert not faults and not thread.is_alive()
-    kinds = [np.array_equal(a, empty) + 2 * np.array_equal(a, heavy) for a in answers]
-    assert set(kinds) == {1, 2} and len(answers) >= 20
+    kinds = [np.array_equal(a, empty) + 2 * np.array_equal(a, heavy) for a in responses]
+    assert set(kinds) == {1, 2} and len(responses) >= 20

@@ -1,4 +1,4 @@
-"""Elastic joints and robots from MDH tables over ROS 2: a real server answers what the library says."""
+"""Elastic joints and robots from MDH tables over ROS 2: a real server returns the results of the library."""
 
 import numpy as np
 import pytest
@@ -52,24 +52,24 @@ def in_library(dynamics, base=None, wrenches=None):
 
 
 @pytest.mark.parametrize("left_open", [np.nan, 0.0])
-def test_inverse_answers_the_accelerations_of_the_springs_and_the_efforts_of_the_motors(manutec, client, left_open):
-    asked = np.nan_to_num(QDD, nan=left_open)
+def test_inverse_dynamics_returns_spring_accelerations_and_motor_efforts(manutec, client, left_open):
+    inputs = np.nan_to_num(QDD, nan=left_open)
     load = wrench("load", [3, -5, -150, 1, 0, 2])
-    answer = call_successfully(client, manutec, inverse_request(JOINTS, Q, QD, asked, external_wrenches=[load]))
+    result = call_successfully(client, manutec, inverse_request(JOINTS, Q, QD, inputs, external_wrenches=[load]))
     expected = in_library(FIXED, wrenches={"load": [3, -5, -150, 1, 0, 2]})
-    assert list(answer.trajectory.joint_names) == JOINTS
-    np.testing.assert_array_equal(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER])
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
-    assert not field(answer.trajectory, "effort")[:, SPRINGS].any()
-    assert np.abs(field(answer.trajectory, "accelerations")[:, SPRINGS]).min() > 0
+    assert list(result.trajectory.joint_names) == JOINTS
+    np.testing.assert_array_equal(field(result.trajectory, "accelerations"), expected.accelerations[:, ORDER])
+    np.testing.assert_array_equal(field(result.trajectory, "effort"), expected.efforts[:, ORDER])
+    assert not field(result.trajectory, "effort")[:, SPRINGS].any()
+    assert np.abs(field(result.trajectory, "accelerations")[:, SPRINGS]).min() > 0
 
 
-def test_direct_gives_the_accelerations_back_that_the_efforts_came_from(manutec, client):
+def test_direct_dynamics_inverts_inverse_dynamics(manutec, client):
     expected = in_library(FIXED)
     efforts = expected.efforts[:, ORDER].copy()
     efforts[:, SPRINGS] = np.nan
-    answer = call_successfully(client, manutec, direct_request(JOINTS, Q, QD, efforts))
-    np.testing.assert_allclose(field(answer.trajectory, "accelerations"), expected.accelerations[:, ORDER], rtol=1e-8)
+    result = call_successfully(client, manutec, direct_request(JOINTS, Q, QD, efforts))
+    np.testing.assert_allclose(field(result.trajectory, "accelerations"), expected.accelerations[:, ORDER], rtol=1e-8)
 
 
 def base_of(rng, count=4):
@@ -83,59 +83,59 @@ def base_of(rng, count=4):
 def test_elastic_joints_on_a_moving_base(flying, client):
     quaternions, positions, twists, poses = base_of(np.random.default_rng(7))
     base = base_trajectory(quaternions, positions, twists)
-    answer = call_successfully(client, flying, inverse_request(JOINTS, Q, QD, QDD, base=base))
+    result = call_successfully(client, flying, inverse_request(JOINTS, Q, QD, QDD, base=base))
     expected = in_library(MOVING, Base(poses, twists))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
-    np.testing.assert_array_equal(base_accelerations(answer.base), expected.base_acceleration)
+    np.testing.assert_array_equal(field(result.trajectory, "effort"), expected.efforts[:, ORDER])
+    np.testing.assert_array_equal(base_accelerations(result.base), expected.base_acceleration)
 
 
 def test_equilibrium_under_gravity_and_a_wrench(manutec, client):
-    asked = equilibrium_request(JOINTS, Q, external_wrenches=[wrench("load", [0, 0, -150, 0, 0, 0], stamp=2)])
-    asked.reaction_wrenches = True
-    answer = call_successfully(client, manutec, asked)
+    inputs = equilibrium_request(JOINTS, Q, external_wrenches=[wrench("load", [0, 0, -150, 0, 0, 0], stamp=2)])
+    inputs.reaction_wrenches = True
+    result = call_successfully(client, manutec, inputs)
     wrenches = np.zeros((4, 6))
     wrenches[2, 2] = -150
     expected = FIXED.equilibrium(Q[:, BACK], external_wrenches={"load": wrenches})
-    np.testing.assert_array_equal(field(answer.trajectory, "positions"), expected.positions[:, ORDER])
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
-    assert not field(answer.trajectory, "velocities").any() and not field(answer.trajectory, "accelerations").any()
-    assert list(answer.stable) == [True] * 4
-    ground = wrench_values(answer.reactions[0])
+    np.testing.assert_array_equal(field(result.trajectory, "positions"), expected.positions[:, ORDER])
+    np.testing.assert_array_equal(field(result.trajectory, "effort"), expected.efforts[:, ORDER])
+    assert not field(result.trajectory, "velocities").any() and not field(result.trajectory, "accelerations").any()
+    assert list(result.stable) == [True] * 4
+    ground = wrench_values(result.reactions[0])
     np.testing.assert_array_equal(ground, expected.reactions[0, 0])
     np.testing.assert_allclose(np.linalg.norm(ground[:3]), 9.81 * 116.8)
 
 
-def test_equilibrium_on_a_base_that_is_held_or_moved_on(flying, client):
+def test_equilibrium_on_a_base_at_rest_or_in_motion(flying, client):
     quaternions, positions, twists, poses = base_of(np.random.default_rng(8))
-    held = base_trajectory(quaternions, positions, np.zeros((4, 6)))
+    held_base = base_trajectory(quaternions, positions, np.zeros((4, 6)))
     expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses))
     for velocities in ([twist(np.zeros(6))], []):
-        for base_point in held.points:
+        for base_point in held_base.points:
             base_point.velocities = velocities
-        answer = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=held))
-        np.testing.assert_array_equal(field(answer.trajectory, "positions"), expected.positions[:, ORDER])
-    told = np.random.default_rng(9).uniform(-3, 3, (4, 6))
-    moved = base_trajectory(quaternions, positions, np.zeros((4, 6)), told)
-    answer = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=moved))
-    expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses, acceleration=told))
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), expected.efforts[:, ORDER])
+        result = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=held_base))
+        np.testing.assert_array_equal(field(result.trajectory, "positions"), expected.positions[:, ORDER])
+    base_motion = np.random.default_rng(9).uniform(-3, 3, (4, 6))
+    moved = base_trajectory(quaternions, positions, np.zeros((4, 6)), base_motion)
+    result = call_successfully(client, flying, equilibrium_request(JOINTS, Q, base=moved))
+    expected = MOVING.equilibrium(Q[:, BACK], base=Base(poses, acceleration=base_motion))
+    np.testing.assert_array_equal(field(result.trajectory, "effort"), expected.efforts[:, ORDER])
     turning = equilibrium_request(JOINTS, Q, base=base_trajectory(quaternions, positions, twists))
     assert "an equilibrium is at rest" in call_service(client, flying, turning).message
 
 
-def test_terms_tell_the_springs_alone(manutec, client):
-    answer = call_successfully(client, manutec, terms_request(JOINTS, Q[0], QD[0]))
+def test_terms_have_the_springs_alone(manutec, client):
+    result = call_successfully(client, manutec, terms_request(JOINTS, Q[0], QD[0]))
     expected = FIXED.elasticity(Q[0, BACK], QD[0, BACK])[ORDER]
-    np.testing.assert_array_equal(answer.elasticity, expected)
-    assert np.flatnonzero(answer.elasticity).tolist() == sorted(SPRINGS)
+    np.testing.assert_array_equal(result.elasticity, expected)
+    assert np.flatnonzero(result.elasticity).tolist() == sorted(SPRINGS)
 
 
-def given(field_name, value):
-    """A question that gives something of a joint without motor."""
-    asked = QDD.copy() if field_name == "accelerations" else np.zeros((4, 9))
-    asked[1, SPRINGS[0]] = value
+def with_values_of_springs(field_name, value):
+    """A request with a value of an unactuated joint."""
+    inputs = QDD.copy() if field_name == "accelerations" else np.zeros((4, 9))
+    inputs[1, SPRINGS[0]] = value
     make = inverse_request if field_name == "accelerations" else direct_request
-    return make(JOINTS, Q, QD, asked)
+    return make(JOINTS, Q, QD, inputs)
 
 
 def with_velocities():
@@ -145,24 +145,24 @@ def with_velocities():
 
 
 BAD = {
-    "acceleration of a spring": (given("accelerations", 0.5), r"joint 'spring_1': no motor drives it"),
-    "effort of a spring": (given("effort", 0.5), r"joint 'spring_1': no motor drives it"),
+    "acceleration of a spring": (with_values_of_springs("accelerations", 0.5), r"joint 'spring_1': no motor drives it"),
+    "effort of a spring": (with_values_of_springs("effort", 0.5), r"joint 'spring_1': no motor drives it"),
     "nan of a motor": (inverse_request(JOINTS, Q, QD, QDD * np.nan), "a finite number is needed"),
     "nan of a position": (inverse_request(JOINTS, Q + QDD, QD, QDD), "a finite number is needed"),
-    "velocities at rest": (with_velocities(), "points[1].velocities has values: it is part of the answer"),
+    "velocities at rest": (with_velocities(), "points[1].velocities has values: the service computes it"),
     "a spring left out": (inverse_request(JOINTS[:8], Q[:, :8], QD[:, :8], QDD[:, :8]), "joints missing"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_question_that_gives_what_no_motor_can_do_is_refused(case, manutec, client):
+def test_request_with_values_of_unactuated_joints_is_refused(case, manutec, client):
     request, reason = BAD[case]
     response = call_service(client, manutec, request)
     assert not response.success and reason in response.message, response.message
 
 
 @pytest.mark.parametrize("form", ["yaml", "par"])
-def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, client, start_server, tmp_path):
+def test_server_reads_an_mdh_table_or_a_par_as_text_and_as_file(form, client, start_server, tmp_path):
     if form == "yaml":
         text = write_mdh_yaml(load_robot("rx90"))
         names = [f"joint_{k}" for k in range(1, 7)]
@@ -177,15 +177,15 @@ def test_server_takes_an_mdh_table_or_a_par_as_text_and_as_file(form, client, st
     q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 2, len(names)))
     server = start_server({"robot_description": text})
     for _ in range(2):
-        answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
-        np.testing.assert_array_equal(field(answer.trajectory, "effort"), dynamics.inverse(q, qd, qdd))
+        result = call_successfully(client, server, inverse_request(names, q, qd, qdd))
+        np.testing.assert_array_equal(field(result.trajectory, "effort"), dynamics.inverse(q, qd, qdd))
         changed = client.set_parameters(server, {"robot_description": "", "robot_file": str(path)})
         assert changed.successful, changed.reason
     changed = client.set_parameters(server, {"gravity": [0.0, 0.0, -1.62]})
     assert changed.successful, changed.reason
-    answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
+    result = call_successfully(client, server, inverse_request(names, q, qd, qdd))
     moon = Dynamics(load_robot(text, gravity=(0, 0, -1.62)), compiled=False)
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), moon.inverse(q, qd, qdd))
+    np.testing.assert_array_equal(field(result.trajectory, "effort"), moon.inverse(q, qd, qdd))
     changed = client.set_parameters(server, {"gravity": ""})
     assert changed.successful, changed.reason
 
@@ -198,15 +198,15 @@ joints:
 """
 
 
-def test_what_follows_an_elastic_joint_is_left_open_as_well(client, start_server):
-    """nan stands for the acceleration of the spring and of what it leads; both are in the answer."""
+def test_mimic_of_an_elastic_joint_may_be_nan_as_well(client, start_server):
+    """nan stands for the acceleration of the spring and of its mimic; both are in the response."""
     server, dynamics = start_server({"robot_description": FOLLOWED}), Dynamics(load_robot(FOLLOWED), compiled=False)
     names, nan = ["driven", "follower", "sprung"], np.nan
     q, qd, qdd = [[0.3, -0.1, 0.2]], [[0.1, -0.25, 0.5]], [[1.0, nan, nan]]
-    answer = call_successfully(client, server, inverse_request(names, q, qd, qdd))
+    result = call_successfully(client, server, inverse_request(names, q, qd, qdd))
     expected = dynamics.solve([0.2, 0.3], [0.5, 0.1], qdd=[nan, 1.0])
     sprung = expected.accelerations[0]
-    np.testing.assert_allclose(field(answer.trajectory, "accelerations"), [[1.0, -0.5 * sprung, sprung]], rtol=1e-12)
-    np.testing.assert_allclose(field(answer.trajectory, "effort"), [[expected.efforts[1], 0, 0]], rtol=1e-12)
+    np.testing.assert_allclose(field(result.trajectory, "accelerations"), [[1.0, -0.5 * sprung, sprung]], rtol=1e-12)
+    np.testing.assert_allclose(field(result.trajectory, "effort"), [[expected.efforts[1], 0, 0]], rtol=1e-12)
     refused = call_service(client, server, inverse_request(names, q, qd, [[nan, nan, nan]]))
     assert not refused.success and "a finite number is needed" in refused.message

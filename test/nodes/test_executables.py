@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SETUP = (ROOT / "setup.py").read_text()
 SCRIPTS = dict(re.findall(r'"([\w-]+) = (robot_dynamics\.[\w.]+:\w+)"', SETUP))
-NODES = sorted(name for name, place in SCRIPTS.items() if "nodes" in place)
+NODES = sorted(name for name, target in SCRIPTS.items() if "nodes" in target)
 ROS_INSTALLATION_HINT = """
 import sys
 from importlib.abc import MetaPathFinder
@@ -53,7 +53,7 @@ def test_without_ros_one_line_says_what_to_install(name, tmp_path):
     ("module", "package", "of_ubuntu"),
     [("matplotlib", "matplotlib", "python3-matplotlib"), ("yaml", "pyyaml", "python3-yaml")],
 )
-def test_what_else_is_missing_is_named_as_pip_and_apt_name_it(module, package, of_ubuntu, tmp_path):
+def test_missing_packages_are_named_as_pip_and_apt_name_them(module, package, of_ubuntu, tmp_path):
     done = subprocess.run(
         script("demo"), env=environment(tmp_path, module), capture_output=True, text=True, timeout=120
     )
@@ -62,7 +62,7 @@ def test_what_else_is_missing_is_named_as_pip_and_apt_name_it(module, package, o
     assert f"sudo apt install {of_ubuntu}" in done.stderr and sys.executable in done.stderr
 
 
-def test_the_command_needs_no_ros(tmp_path):
+def test_command_line_needs_no_ros(tmp_path):
     without_ros = environment(tmp_path, "ros")
     done = subprocess.run(
         [*script("robot-dynamics"), "--version"], env=without_ros, capture_output=True, text=True, timeout=120
@@ -79,22 +79,22 @@ def test_version_is_that_of_the_package(name):
 
 
 def left_of(process):
-    """Command lines of what a demo started and that still runs."""
-    found = []
+    """Command lines of processes of a demo that still run."""
+    commands = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
             command = (folder / "cmdline").read_bytes().decode().replace("\0", " ")
         except OSError:
             continue
         if f"/demo_{process.pid}" in command:
-            found.append(command)
-    return found
+            commands.append(command)
+    return commands
 
 
 @pytest.mark.parametrize(
     ("until", "number"), [("serving", signal.SIGINT), ("picture: ", signal.SIGINT), ("simulates", signal.SIGTERM)]
 )
-def test_an_interrupted_demo_ends_with_one_line_and_leaves_nothing(until, number, tmp_path):
+def test_interrupted_demo_ends_with_one_line_and_no_processes(until, number, tmp_path):
     log = tmp_path / "log"
     options = ["--picture", "a.png", "--tracking", "b.png", "--bag", "bag"]
     with log.open("w") as file:
@@ -111,7 +111,7 @@ def test_an_interrupted_demo_ends_with_one_line_and_leaves_nothing(until, number
             process.wait(60)
         finally:
             process.kill()
-    said = log.read_text()
-    assert process.returncode == 128 + number and said.endswith("demo: interrupted\n"), said
-    assert "Traceback" not in said and "Error" not in said, said
+    output = log.read_text()
+    assert process.returncode == 128 + number and output.endswith("demo: interrupted\n"), output
+    assert "Traceback" not in output and "Error" not in output, output
     assert not left_of(process)

@@ -1,4 +1,4 @@
-"""Nodes where rclpy has no EventsExecutor, as before 7.1.4: they do what they do, and say so once."""
+"""Nodes with an rclpy without EventsExecutor, as before 7.1.4: they work, and warn once."""
 
 import os
 import time

@@ -1,4 +1,4 @@
-"""Faults of computed_torque on a terminal: one at once, many in a second in one line, and the last state is told."""
+"""Faults of computed_torque on a terminal: the first at once, many within a second in one line, and the last state."""
 
 import time
 
@@ -18,7 +18,7 @@ class Lines(list):
     info = warning
 
 
-def test_a_change_is_logged_at_once_and_more_of_them_together():
+def test_first_change_is_logged_at_once_and_later_ones_together():
     lines, now = Lines(), [100.0]
     log = FaultLog(lines, lambda: now[0])
     log.restart("no joint_states yet")
@@ -48,7 +48,7 @@ def test_a_change_is_logged_at_once_and_more_of_them_together():
     assert lines[4:] == ["efforts went to zero for a moment: too old by 5 s; they are sent again"]
 
 
-def test_a_node_whose_states_are_good_and_bad_in_turn_logs_a_line_a_second(client, tmp_path):
+def test_alternating_states_are_logged_once_a_second(client, tmp_path):
     log, parameters = tmp_path / "log", {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.5}
     began = time.monotonic()
     with log.open("w") as file, running_node("computed_torque", parameters, "/in_turn", log=file):

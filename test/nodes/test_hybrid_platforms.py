@@ -1,5 +1,5 @@
-"""Parallel modules in series over ROS 2: the field base lists their platforms by name, and joints that these do not
-place go on being told in the trajectory; answers are those of multipliers on maximal coordinates."""
+"""Parallel modules in series over ROS 2: the field base has their platforms by name, the trajectory the joints that
+no platform determines; results agree with multipliers on maximal coordinates."""
 
 import numpy as np
 import pytest
@@ -28,16 +28,16 @@ def stack(request, start_module_server):
 def platform_points(links, states, accelerated):
     points = []
     for k in range(COUNT):
-        made = MultiDOFJointTrajectoryPoint(velocities=[twist(states.twists[link][k]) for link in links])
+        platform_point = MultiDOFJointTrajectoryPoint(velocities=[twist(states.twists[link][k]) for link in links])
         for link in links:
             transform, pose = Transform(), states.poses[link][k]
             transform.translation.x, transform.translation.y, transform.translation.z = pose[:3, 3].tolist()
             turn = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
             transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w = turn
-            made.transforms.append(transform)
+            platform_point.transforms.append(transform)
         if accelerated:
-            made.accelerations = [twist(states.accelerations[link][k]) for link in links]
-        points.append(made)
+            platform_point.accelerations = [twist(states.accelerations[link][k]) for link in links]
+        points.append(platform_point)
     return points
 
 
@@ -55,7 +55,7 @@ def told_of_others(dynamics, states, **more):
     return points
 
 
-def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(client, stack):
+def test_platform_motions_give_efforts_and_follow_from_them(client, stack):
     server, dynamics = stack
     states, robot = random_states(dynamics, COUNT, np.random.default_rng(6), reach=0.05), dynamics.robot
     links = list(reversed(robot.platform_links))
@@ -63,22 +63,22 @@ def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(clien
     request.trajectory.joint_names, request.base.joint_names = list(dynamics.joint_names), links
     request.trajectory.points = told_of_others(dynamics, states)
     request.base.points = platform_points(links, states, accelerated=True)
-    answer = call_successfully(client, server, request)
-    order = np.argsort([robot.joint_numbers[name] for name in answer.trajectory.joint_names])
+    response = call_successfully(client, server, request)
+    order = np.argsort([robot.joint_numbers[name] for name in response.trajectory.joint_names])
     q, qd, qdd, efforts = (
-        field(answer.trajectory, key)[:, order] for key in ("positions", "velocities", "accelerations", "effort")
+        field(response.trajectory, key)[:, order] for key in ("positions", "velocities", "accelerations", "effort")
     )
-    assert list(answer.base.joint_names) == list(robot.platform_links)
+    assert list(response.base.joint_names) == list(robot.platform_links)
     peer = MaximalCoordinates(robot)
     for k in range(COUNT):
         expected = peer.direct(q[k], qd[k], efforts[k]).accelerations
         np.testing.assert_allclose(qdd[k], expected, rtol=0, atol=1e-8 * np.abs(expected).max())
-        found = answer.base.points[k]
-        for place, link in enumerate(robot.platform_links):
-            np.testing.assert_allclose(twist_values(found.velocities[place]), states.twists[link][k], atol=1e-9)
-            acceleration = twist_values(found.accelerations[place])
+        result = response.base.points[k]
+        for column, link in enumerate(robot.platform_links):
+            np.testing.assert_allclose(twist_values(result.velocities[column]), states.twists[link][k], atol=1e-9)
+            acceleration = twist_values(result.accelerations[column])
             np.testing.assert_allclose(acceleration, states.accelerations[link][k], atol=1e-7)
-            moved = found.transforms[place].translation
+            moved = result.transforms[column].translation
             np.testing.assert_allclose([moved.x, moved.y, moved.z], states.poses[link][k][:3, 3], atol=1e-10)
 
     back = DirectDynamics.Request()
@@ -86,28 +86,28 @@ def test_motion_of_all_platforms_asks_for_efforts_and_comes_back_from_them(clien
     numbers = [robot.joint_numbers[name] for name in dynamics.joint_names]
     back.trajectory.points = told_of_others(dynamics, states, effort=efforts[:, numbers])
     back.base.points = platform_points(robot.platform_links, states, accelerated=False)
-    found = call_successfully(client, server, back)
+    result = call_successfully(client, server, back)
     for k in range(COUNT):
-        for place, link in enumerate(robot.platform_links):
-            acceleration = twist_values(found.base.points[k].accelerations[place])
+        for column, link in enumerate(robot.platform_links):
+            acceleration = twist_values(result.base.points[k].accelerations[column])
             np.testing.assert_allclose(acceleration, states.accelerations[link][k], atol=1e-6)
 
 
-def test_what_does_not_fit_is_told_and_the_node_serves_on(client, stack):
+def test_invalid_platform_requests_are_refused_and_the_node_goes_on(client, stack):
     server, dynamics = stack
     states = random_states(dynamics, COUNT, np.random.default_rng(6), reach=0.05)
 
-    def asked(names=(), links=dynamics.robot.platform_links, **fields):
+    def call_with(names=(), links=dynamics.robot.platform_links, **fields):
         request = InverseDynamics.Request()
         request.trajectory.joint_names, request.base.joint_names = list(dynamics.joint_names), list(names)
         request.trajectory.points = [point(k, **fields) for k in range(COUNT)]
         request.base.points = platform_points(links, states, accelerated=True)
         return call_service(client, server, request)
 
-    assert "base.joint_names are lower: each of" in asked(names=["lower"]).message
-    assert "base.joint_names are lower, lower: each of" in asked(names=["lower", "lower"]).message
-    assert "did you mean 'upper'" in asked(names=["lower", "uper"]).message
-    assert "has 1 entries: 2 are needed, of " in asked(links=["lower"]).message
-    told = asked(velocities=np.ones(len(dynamics.joint_names))).message
-    assert "base tells how the platform moves" in told and "points[0].velocities" in told
-    assert asked().success
+    assert "base.joint_names are lower: each of" in call_with(names=["lower"]).message
+    assert "base.joint_names are lower, lower: each of" in call_with(names=["lower", "lower"]).message
+    assert "did you mean 'upper'" in call_with(names=["lower", "uper"]).message
+    assert "has 1 entries: 2 are needed, of " in call_with(links=["lower"]).message
+    refusal = call_with(velocities=np.ones(len(dynamics.joint_names))).message
+    assert "base has the motion of the platform" in refusal and "points[0].velocities" in refusal
+    assert call_with().success

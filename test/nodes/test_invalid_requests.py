@@ -1,4 +1,4 @@
-"""What cannot be answered is refused with a reason, and the server goes on serving the robot that it had."""
+"""Invalid requests are refused with a reason, and the server goes on serving its robot."""
 
 import re
 
@@ -79,7 +79,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_question_is_refused_with_a_reason_and_the_next_is_answered(case, client, panda, panda_dynamics):
+def test_invalid_request_is_refused_with_a_reason_and_the_next_is_served(case, client, panda, panda_dynamics):
     request, reason = BAD[case]
     response = call_service(client, panda, request)
     assert not response.success
@@ -90,7 +90,7 @@ def test_bad_question_is_refused_with_a_reason_and_the_next_is_answered(case, cl
 @pytest.mark.parametrize(
     ("request_of", "field_name"), [(inverse, "effort"), (direct, "accelerations")], ids=["inverse", "direct"]
 )
-def test_field_that_is_asked_for_must_be_left_empty(request_of, field_name, client, panda):
+def test_computed_field_must_be_left_empty(request_of, field_name, client, panda):
     request = request_of()
     setattr(request.trajectory.points[1], field_name, [0.0] * 7)
     response = call_service(client, panda, request)
@@ -160,7 +160,7 @@ BAD_BASES = {
 
 
 @pytest.mark.parametrize("case", BAD_BASES)
-def test_bad_state_of_the_base_is_refused_with_a_reason(case, client, flyer):
+def test_invalid_state_of_the_base_is_refused_with_a_reason(case, client, flyer):
     base, reason = BAD_BASES[case]
     response = call_service(client, flyer, flyer_request(base))
     assert not response.success
@@ -177,11 +177,11 @@ def test_mimic_joint_that_disagrees_is_refused(client, start_server):
     assert not response.success and "'panda_finger_joint2' depends on others, which put it at 0" in response.message
 
 
-def test_direct_model_without_an_answer_is_refused(client, start_server):
+def test_singular_direct_model_is_refused(client, start_server):
     server = start_server({"robot_description": '<robot name="r"><link name="a"/><link name="b"/>'
         '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint></robot>'})  # fmt: skip
-    one = np.ones((1, 1))
-    response = call_service(client, server, direct_request(["j"], one, one, one))
+    unit_value = np.ones((1, 1))
+    response = call_service(client, server, direct_request(["j"], unit_value, unit_value, unit_value))
     assert not response.success and "nothing with inertia resists joint 'j'" in response.message
-    response = call_service(client, server, inverse_request(["j"], one, one, one))
+    response = call_service(client, server, inverse_request(["j"], unit_value, unit_value, unit_value))
     assert response.success and "none of its moving links has a mass" in response.message

@@ -1,4 +1,4 @@
-"""Launch files as they are typed, with the nodes that they start as real processes."""
+"""Launch files with arguments as users type them, and the nodes that they start as real processes."""
 
 import os
 import subprocess
@@ -34,13 +34,13 @@ UR5 = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_join
 
 @contextmanager
 def launched(folder, file, *arguments):
-    """Start what a launch file starts; all of it is gone when the block ends. Yields {executable: its log's Path}."""
+    """Start the nodes of a launch file until the block ends. Yields {executable: Path of its log}."""
     logs = {}
     with ExitStack() as stack:
-        for executable, told in started(file, arguments, folder):
+        for executable, node_arguments in started(file, arguments, folder):
             logs[executable] = folder / f"{executable}_{len(list(folder.iterdir()))}.log"
             log = stack.enter_context(logs[executable].open("w"))
-            command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args", *told]
+            command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args", *node_arguments]
             stack.callback(terminate_process, subprocess.Popen(command, stdout=log, stderr=log))
         yield logs
 
@@ -60,18 +60,18 @@ def eventually(client, condition, logs, patience=60.0):
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_every_default_can_be_typed_and_is_what_comes_without_it(file, tmp_path):
+def test_launch_defaults_can_be_typed_and_change_nothing(file, tmp_path):
     arguments = [item for item in description(ROOT / "launch" / file) if isinstance(item, DeclareLaunchArgument)]
     typed = [f"{item.name}:={performed(item.default_value, {})}" for item in arguments]
     assert {"robot", "namespace"} < {item.name for item in arguments} or file == "dynamics_server.launch.py"
 
-    def contents(told):
+    def contents(node_arguments):
         return [(executable, [open(word).read() if os.path.isfile(word) else word for word in words])
-                for executable, words in started(file, told, tmp_path)]  # fmt: skip
+                for executable, words in started(file, node_arguments, tmp_path)]  # fmt: skip
 
     assert contents(typed) == contents([])
-    for told in contents(["robot:=none"]):
-        assert any("robot_file: ''" in word for word in told[1])
+    for node_arguments in contents(["robot:=none"]):
+        assert any("robot_file: ''" in word for word in node_arguments[1])
     with pytest.raises(ValueError, match="malformed launch argument 'robot:='"):
         started(file, ["robot:="], tmp_path)
 
@@ -93,18 +93,16 @@ def test_every_default_can_be_typed_and_is_what_comes_without_it(file, tmp_path)
         ("computed_torque", [], {"/**/computed_torque": {"use_sim_time": True}}, (None, True)),
     ],
 )
-def test_time_is_that_of_the_arguments_but_where_the_parameter_file_says_otherwise(
-    file, arguments, of_user, expected, ros, tmp_path
-):
-    """And the robot is that of the arguments: nodes have the parameters that rcl gives them of all that is loaded."""
+def test_parameter_file_has_priority_over_the_time_of_the_arguments(file, arguments, of_user, expected, ros, tmp_path):
+    """And the robot is that of the arguments: rcl merges all parameters that are loaded."""
     typed = ["namespace:=left", "robot:=ur5e", *arguments]
     if of_user:
         of_user = {node: {**values, "robot_file": "rx90"} for node, values in of_user.items()}
         typed.append(with_parameters(tmp_path, of_user))
     values = {"mobile_base_simulator": None, "computed_torque": None}
-    for executable, told in started(f"{file}.launch.py", typed, tmp_path):
+    for executable, node_arguments in started(f"{file}.launch.py", typed, tmp_path):
         node = rclpy.create_node(
-            executable, cli_args=["--ros-args", *told], use_global_arguments=False,
+            executable, cli_args=["--ros-args", *node_arguments], use_global_arguments=False,
             automatically_declare_parameters_from_overrides=True,
         )  # fmt: skip
         name = "publish_clock" if executable == "mobile_base_simulator" else "use_sim_time"
@@ -114,7 +112,7 @@ def test_time_is_that_of_the_arguments_but_where_the_parameter_file_says_otherwi
     assert tuple(values.values()) == expected
 
 
-def test_with_robot_none_the_robot_of_the_topic_is_served(client, tmp_path):
+def test_robot_none_serves_the_robot_on_the_topic(client, tmp_path):
     latched = client.node.create_publisher(
         String, "/launched/robot_description", QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     )
@@ -127,13 +125,13 @@ def test_with_robot_none_the_robot_of_the_topic_is_served(client, tmp_path):
 
 
 def test_two_closed_loops_run_side_by_side_under_two_namespaces(client, tmp_path):
-    """Each robot goes where its own reference leads, by a simulated time of its own."""
+    """Each robot follows its own reference, in a simulated time of its own."""
     node, names = client.node, [f"panda_joint{k}" for k in range(1, 8)]
     moves = {"left": np.array([0.1, -0.1, 0, -0.2, 0, 0.1, 0]), "right": np.array([-0.1, 0, 0.1, -0.1, 0.1, 0, 0.1])}
-    states, held = {}, []
+    states, subscriptions = {}, []
     for side in moves:
         keep = lambda message, side=side: states.update({side: message})  # noqa: E731
-        held.append(node.create_subscription(JointState, f"/{side}/joint_states", keep, 1))
+        subscriptions.append(node.create_subscription(JointState, f"/{side}/joint_states", keep, 1))
     out = {side: node.create_publisher(JointTrajectory, f"/{side}/computed_torque/reference", 1) for side in moves}
 
     def moving():
@@ -160,7 +158,7 @@ def test_two_closed_loops_run_side_by_side_under_two_namespaces(client, tmp_path
         assert {"/left/clock", "/right/clock"} <= set(topics) and not node.get_publishers_info_by_topic("/clock")
     for each in logs:
         assert "clock" not in text(each), text(each)
-    for subscription in held:
+    for subscription in subscriptions:
         node.destroy_subscription(subscription)
 
 
@@ -168,41 +166,43 @@ def text(logs):
     return "\n".join(path.read_text() for path in logs.values())
 
 
-def test_a_second_clock_is_named_by_all_that_it_concerns(client, tmp_path):
+def test_second_clock_is_reported_by_all_nodes_that_it_concerns(client, tmp_path):
     diagnostics = []
-    heard = client.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
+    diagnostics_subscription = client.node.create_subscription(DiagnosticArray, "/diagnostics", diagnostics.append, 100)
     paused, second = with_parameters(tmp_path, PAUSED), tmp_path / "second"
     second.mkdir()
     with launched(tmp_path, "closed_loop.launch.py", "namespace:=left", "clock:=/clock", paused) as first:
         eventually(client, lambda: "controls" in text(first) and "simulates" in text(first), [first])
-        with launched(second, "mobile_base_simulator.launch.py", "namespace:=right", paused) as other:
+        with launched(second, "mobile_base_simulator.launch.py", "namespace:=right", paused) as other_log:
             both = "/clock is published by /left/mobile_base_simulator and /right/mobile_base_simulator"
-            eventually(client, lambda: both in first["computed_torque"].read_text(), [first, other])
+            eventually(client, lambda: both in first["computed_torque"].read_text(), [first, other_log])
             statuses = lambda: [status for message in diagnostics for status in message.status]  # noqa: E731
             eventually(
                 client, lambda: any("computed_torque" in s.name and both in s.message for s in statuses()), [first]
             )
             says = "/clock is published by {} as well"
             named = says.format("/left/mobile_base_simulator")
-            eventually(client, lambda: named in other["mobile_base_simulator"].read_text(), [first, other])
+            eventually(client, lambda: named in other_log["mobile_base_simulator"].read_text(), [first, other_log])
             named = says.format("/right/mobile_base_simulator")
-            eventually(client, lambda: named in first["mobile_base_simulator"].read_text(), [first, other])
+            eventually(client, lambda: named in first["mobile_base_simulator"].read_text(), [first, other_log])
             for name in ("left/mobile_base_simulator", "right/mobile_base_simulator"):
                 assert client.set_parameters(f"/{name}", {"publish_clock": False}).successful
-            eventually(client, lambda: not client.node.get_publishers_info_by_topic("/clock"), [first, other])
-        assert text(other).count("as well") == 1 and text(first).count(both) == 1
-    client.node.destroy_subscription(heard)
+            eventually(client, lambda: not client.node.get_publishers_info_by_topic("/clock"), [first, other_log])
+        assert text(other_log).count("as well") == 1 and text(first).count(both) == 1
+    client.node.destroy_subscription(diagnostics_subscription)
 
 
-def test_one_clock_is_no_reason_to_warn_and_one_of_the_same_name_is(client, tmp_path):
+def test_one_clock_causes_no_warning_and_one_of_the_same_name_does(client, tmp_path):
     simulator, paused = "mobile_base_simulator.launch.py", with_parameters(tmp_path, PAUSED)
     with launched(tmp_path, simulator, "namespace:=alone", paused) as first:
         (tmp_path / "own").mkdir()
-        with launched(tmp_path / "own", simulator, "namespace:=own", "clock:=none", paused) as other:
-            eventually(client, lambda: "simulates" in text(first) and "simulates" in text(other), [first, other])
+        with launched(tmp_path / "own", simulator, "namespace:=own", "clock:=none", paused) as other_log:
+            eventually(
+                client, lambda: "simulates" in text(first) and "simulates" in text(other_log), [first, other_log]
+            )
             client.spin(2.5)
-            assert "published by" not in text(first) + text(other)
+            assert "published by" not in text(first) + text(other_log)
         (tmp_path / "same").mkdir()
-        with launched(tmp_path / "same", simulator, "namespace:=alone", paused) as other:
+        with launched(tmp_path / "same", simulator, "namespace:=alone", paused) as other_log:
             named = "/clock is published by another node of the same name as well"
-            eventually(client, lambda: named in text(first) and named in text(other), [first, other])
+            eventually(client, lambda: named in text(first) and named in text(other_log), [first, other_log])

@@ -1,4 +1,4 @@
-"""Robots without masses, and with effort limits of zero: services say so, and no torque is sent for them."""
+"""Robots without masses, or with effort limits of zero: services warn, and no efforts are sent for them."""
 
 import re
 
@@ -23,7 +23,7 @@ from nodes.service_requests import (
 from peers.real_robots import without_inertials
 
 from robot_dynamics import shipped_robots
-from robot_dynamics.nodes.processes import ServiceClient
+from robot_dynamics.nodes.client import ServiceClient
 
 SAID = "none of its moving links has a mass"
 WHOLE = shipped_robots()["panda"].read_text()
@@ -33,7 +33,7 @@ PAYLOAD = {"payload.link": "panda_link8", "payload.mass": 2.0}
 PATIENT = {"deadline": 1.0, "state_timeout": 0.5, "mode": "gravity_compensation"}
 
 
-def test_services_answer_and_say_that_masses_are_missing(client, start_server):
+def test_services_compute_and_warn_that_masses_are_missing(client, start_server):
     server = start_server({"robot_description": BARE})
     requests = [inverse(), terms_request(PANDA, Q[0], QD[0]), equilibrium_request(PANDA, Q)]
     for request in requests:
@@ -57,43 +57,43 @@ def test_services_answer_and_say_that_masses_are_missing(client, start_server):
 @pytest.fixture
 def control(start_server):
     """Start computed_torque of a description; gives its Stand."""
-    callers, stands = [], []
+    clients, probes = [], []
 
     def start(text, **parameters):
-        told = {"robot_description": text, **PATIENT, **parameters}
-        callers.append(ServiceClient("asker"))
-        stands.append(ControllerProbe(start_server(told, executable="computed_torque"), callers[-1]))
-        return stands[-1]
+        parameters_of_node = {"robot_description": text, **PATIENT, **parameters}
+        clients.append(ServiceClient("test_client"))
+        probes.append(ControllerProbe(start_server(parameters_of_node, executable="computed_torque"), clients[-1]))
+        return probes[-1]
 
     yield start
-    for each in (*stands, *callers):
+    for each in (*probes, *clients):
         each.close()
 
 
-def state(stand):
-    return stand.client.call(GetState, f"{stand.target}/get_state", GetState.Request()).current_state.id
+def state(probe):
+    return probe.client.call(GetState, f"{probe.target}/get_state", GetState.Request()).current_state.id
 
 
 @pytest.mark.parametrize(
-    ("text", "said", "remedy", "sent"),
+    ("text", "expected_text", "remedy", "sent"),
     [
         (BARE, SAID, {"allow_massless": True}, 0.0),
         (POWERLESS, "nothing but zeros could be sent: set effort_limits", {"effort_limits": [5.0] * 7}, 5.0),
     ],
     ids=["massless", "powerless"],
 )
-def test_no_torque_is_sent_before_a_parameter_says_so(text, said, remedy, sent, control):
-    stand = control(text, **(PAYLOAD if text is BARE else {}))
-    stand.wait_until(lambda: stand.has_diagnostic(said), "the refusal on /diagnostics")
-    assert state(stand) == State.PRIMARY_STATE_UNCONFIGURED
-    assert not stand.change_state(Transition.TRANSITION_CONFIGURE)
-    stand.stream(0.2, q=POSE)
-    assert not stand.commands
-    assert stand.set_parameters(**remedy).successful
-    stand.wait_until(lambda: state(stand) == State.PRIMARY_STATE_ACTIVE, "the node is active")
-    stand.stream_until(lambda: np.abs(stand.commands[-1][1]).max() >= sent if stand.commands else False, "efforts")
+def test_efforts_are_sent_only_after_a_parameter_allows_it(text, expected_text, remedy, sent, control):
+    probe = control(text, **(PAYLOAD if text is BARE else {}))
+    probe.wait_until(lambda: probe.has_diagnostic(expected_text), "the refusal on /diagnostics")
+    assert state(probe) == State.PRIMARY_STATE_UNCONFIGURED
+    assert not probe.change_state(Transition.TRANSITION_CONFIGURE)
+    probe.stream(0.2, q=POSE)
+    assert not probe.commands
+    assert probe.set_parameters(**remedy).successful
+    probe.wait_until(lambda: state(probe) == State.PRIMARY_STATE_ACTIVE, "the node is active")
+    probe.stream_until(lambda: np.abs(probe.commands[-1][1]).max() >= sent if probe.commands else False, "efforts")
     if text is BARE:
         doubt = f"gravity_compensation; robot 'panda': {SAID}"
-        stand.stream_until(lambda: stand.has_diagnostic(doubt), "the doubt on /diagnostics")
-        refused = stand.set_parameters(allow_massless=False)
+        probe.stream_until(lambda: probe.has_diagnostic(doubt), "the doubt on /diagnostics")
+        refused = probe.set_parameters(allow_massless=False)
         assert not refused.successful and SAID in refused.reason

@@ -1,5 +1,7 @@
-"""No shared memory in the process that streams, as its maps and files show, and peers that use it are reached all the
-same: this process is one."""
+"""The streaming process has no shared memory, as its maps and files show, and reaches peers that use it.
+
+This process is such a peer.
+"""
 
 import os
 import shutil
@@ -9,25 +11,30 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
-import rclpy
 from nodes.controller_probe import ControllerProbe
 
 from robot_dynamics.nodes import middleware
 from robot_dynamics.nodes.middleware import PROFILES, shared_memory, without_shared_memory
 from robot_dynamics.nodes.processes import running_node, terminate_process
 
-NAMES = (*middleware.PROFILE_VARIABLES, middleware.TRANSPORTS, middleware.RANGE, middleware.ONLY_HERE, middleware.PEERS)
+NAMES = (
+    *middleware.PROFILE_VARIABLES,
+    middleware.TRANSPORTS,
+    middleware.RANGE,
+    middleware.LOCALHOST_ONLY,
+    middleware.PEERS,
+)
 WARNING = "the middleware uses shared memory (/dev/shm/fast"
 
 
 def segments(process):
     """Shared memory of Fast DDS that a process has mapped or holds open."""
     folder = Path(f"/proc/{process.pid}")
-    held = []
+    probe = []
     for file in (folder / "fd").iterdir():
         with suppress(FileNotFoundError):  # closed since the folder was listed
-            held.append(os.readlink(file))
-    text = (folder / "maps").read_text() + "\n".join(held)
+            probe.append(os.readlink(file))
+    text = (folder / "maps").read_text() + "\n".join(probe)
     return sorted(set(middleware.SEGMENT.findall(text)))
 
 
@@ -38,8 +45,8 @@ HERE, ALONE = ({"ROS_AUTOMATIC_DISCOVERY_RANGE": name} for name in ("LOCALHOST",
 def streaming(client, namespace, log, environment):
     """A computed_torque; unless it is alone, its efforts reach this process, and the states of this process it."""
     variables = {**dict.fromkeys(NAMES, ""), **environment}
-    told = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
-    with log.open("w") as file, running_node("computed_torque", told, namespace, variables, file) as process:
+    parameters = {"robot_file": "panda", "state_timeout": 1.0, "deadline": 1.0}
+    with log.open("w") as file, running_node("computed_torque", parameters, namespace, variables, file) as process:
         stand = ControllerProbe(f"{namespace}/computed_torque", client)
         try:
             if environment.get("ROS_AUTOMATIC_DISCOVERY_RANGE") == "OFF":
@@ -62,7 +69,7 @@ def streaming(client, namespace, log, environment):
     ],
     ids=lambda environment: ",".join(environment.values()),
 )
-def test_the_node_that_streams_uses_no_shared_memory(environment, ros, client, tmp_path):
+def test_streaming_node_uses_no_shared_memory(environment, ros, client, tmp_path):
     assert shared_memory(), "this process does, else it is no peer that does"
     with streaming(client, "/udp", tmp_path / "log", environment) as process:
         assert segments(process) == []
@@ -79,7 +86,7 @@ def test_the_node_that_streams_uses_no_shared_memory(environment, ros, client, t
     ],
     ids=lambda value: ",".join(value.values()) if isinstance(value, dict) else str(value),
 )
-def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, shared, ros, client, tmp_path):
+def test_choices_of_the_user_stay_and_shared_memory_is_reported(environment, shared, ros, client, tmp_path):
     profile = tmp_path / "profile.xml"
     profile.write_text(
         '<dds xmlns="http://www.eprosima.com"><profiles><participant profile_name="mine" is_default_profile="true">'
@@ -94,7 +101,7 @@ def test_what_a_user_has_chosen_stays_and_shared_memory_is_said(environment, sha
     assert (WARNING in (tmp_path / "log").read_text()) == shared
 
 
-def test_the_installed_executable_uses_no_shared_memory(ros, client, tmp_path):
+def test_installed_executable_uses_no_shared_memory(ros, client, tmp_path):
     executable = shutil.which("computed_torque", path=str(Path(sys.executable).parent))
     if executable is None:
         pytest.skip("there is no executable computed_torque beside that of Python")
@@ -118,7 +125,7 @@ def set_here(monkeypatch, **environment):
     return dict(os.environ)
 
 
-def test_the_environment_is_what_it_was_afterwards_and_a_profile_of_the_folder_counts(monkeypatch, tmp_path):
+def test_environment_is_restored_and_a_profile_in_the_folder_is_respected(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="127.0.0.5")
     with without_shared_memory():
@@ -134,14 +141,14 @@ def test_the_environment_is_what_it_was_afterwards_and_a_profile_of_the_folder_c
         assert "FASTRTPS_DEFAULT_PROFILES_FILE" in os.environ
 
 
-def test_a_static_peer_without_an_address_is_refused(monkeypatch):
+def test_static_peer_without_an_address_is_refused(monkeypatch):
     set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST", ROS_STATIC_PEERS="no such name")
     with pytest.raises(RuntimeError, match="ROS_STATIC_PEERS names 'no such name'"), without_shared_memory():
         pass
 
 
-def test_another_middleware_is_left_alone(monkeypatch):
+def test_other_middleware_is_not_changed(monkeypatch):
     before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST")
-    monkeypatch.setattr(rclpy, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
+    monkeypatch.setattr(middleware, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
     with without_shared_memory():
         assert dict(os.environ) == before

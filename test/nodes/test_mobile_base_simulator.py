@@ -1,4 +1,4 @@
-"""mobile_base_simulator over real topics: it moves as the library does, and survives what it is told."""
+"""mobile_base_simulator over real topics: it computes the steps of the library, and survives invalid inputs."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def wrench_on(link, values):
     return message
 
 
-def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
+def test_steps_are_those_of_the_library_and_reset_restores_the_state(start):
     joints = [f"arm_{name}_joint" for name in ("elbow", "shoulder_lift")]
     node = start(
         robot_file="free_flying_arm",
@@ -64,8 +64,8 @@ def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
     p, o, t = odom.pose.pose.position, odom.pose.pose.orientation, odom.twist.twist
     np.testing.assert_array_equal([p.x, p.y, p.z], state.pose[:3, 3])
     np.testing.assert_allclose(Rotation.from_quat([o.x, o.y, o.z, o.w]).as_matrix(), state.pose[:3, :3], atol=1e-15)
-    found = [t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z]
-    np.testing.assert_array_equal(found, state.twist)
+    published_twist = [t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z]
+    np.testing.assert_array_equal(published_twist, state.twist)
     a = node.accelerations[-1].accel.linear
     np.testing.assert_allclose([a.x, a.y, a.z], library.accelerations(efforts=EFFORTS)[0][:3], rtol=1e-12)
 
@@ -90,7 +90,7 @@ def test_steps_are_those_of_the_library_and_reset_goes_back_exactly(start):
     np.testing.assert_allclose(last.velocity, state.velocities, rtol=1e-13)
 
 
-def test_bad_messages_are_refused_and_said_and_commands_that_stop_are_zero(start):
+def test_invalid_messages_are_reported_and_commands_time_out(start):
     node = start(robot_file="ur5e", command_timeout=0.1, real_time_factor=0.5)
     node.wait_until(lambda: len(node.joint_states) > 50, "states")
     for topic, message, reason in (
@@ -138,7 +138,7 @@ def test_wheels_are_driven_by_cmd_vel_and_stop_when_it_does(start):
     assert np.hypot(node.odom[-1].pose.pose.position.x, node.odom[-1].pose.pose.position.y) > 0.01
 
 
-def test_joints_that_are_told_move_the_base_by_reaction(start):
+def test_prescribed_joint_motion_moves_the_base_by_reaction(start):
     node = start(robot_file="free_flying_arm", moved_by="reference", gravity=[0.0, 0.0, 0.0], odom_rate=1000.0)
     library = Simulation(load_robot("free_flying_arm", gravity=[0, 0, 0]))
     goal = np.array([1.0, -1.0, 1.2, 0.5, 0.3, -0.4])
@@ -163,7 +163,7 @@ def test_joints_that_are_told_move_the_base_by_reaction(start):
     np.testing.assert_allclose([p.x, p.y, p.z], state.pose[:3, 3], atol=1e-9)
 
 
-def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
+def test_real_time_factor_sets_the_speed_and_parameters_are_checked(start):
     node = start(robot_file="ur5e", real_time_factor=0.1)
     node.wait_until(lambda: len(node.clock) > 5, "a clock")
 
@@ -186,9 +186,9 @@ def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
         ({"ground.points": ["foot"]}, "unknown link 'foot'"),
         ({"base_motion": "rolling"}, "fixed, free, planar"),
         ({"initial.pose": [0.0] * 7}, "quaternion of norm 0"),
-        ({"stamped_cmd_vel": True}, "when the node begins"),
+        ({"stamped_cmd_vel": True}, "is read at startup"),
         ({"seed": -1}, "from 0 on"),
-        ({"moved_by": "magic"}, "efforts or reference"),
+        ({"moved_by": "magic"}, "known are efforts, reference"),
     ):
         refused = node.client.set_parameters(node.name, values)
         assert not refused.successful and reason in refused.reason, refused
@@ -196,11 +196,11 @@ def test_time_runs_as_fast_as_it_is_told_and_parameters_are_checked(start):
     node.client.spin(0.2)
     stood = node.clock[-1]
     node.client.spin(0.2)
-    assert seconds(node.clock[-1].clock) == seconds(stood.clock) and node.clock[-1] is not stood  # told again
+    assert seconds(node.clock[-1].clock) == seconds(stood.clock) and node.clock[-1] is not stood  # published again
     assert not node.set_paused(False).message.startswith("paused")
 
 
-def test_each_step_waits_for_efforts_where_it_is_told_to(start):
+def test_each_step_waits_for_efforts_on_request(start):
     node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
     node.wait_until(lambda: len(node.joint_states) > 5, "the same state again and again")
     assert {seconds(state.header.stamp) for state in node.joint_states} == {0.0}
@@ -217,19 +217,19 @@ def test_each_step_waits_for_efforts_where_it_is_told_to(start):
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
 
 
-def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an_earlier_state(start):
+def test_waiting_step_ignores_efforts_stamped_with_an_earlier_state(start):
     node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
     library = Simulation(load_robot("ur5e"))
     steps = lambda: round(seconds(node.joint_states[-1].header.stamp) * 1e3) if node.joint_states else 0  # noqa: E731
 
-    def answer(step, efforts):
+    def send_response(step, efforts):
         stamped = Header(stamp=Time(nanosec=step * 10**6))
         node.publish("effort", JointState(header=stamped, name=library.joint_names, effort=efforts.tolist()))
 
     def answered_until(step, efforts):
         def there():
             if steps() < step:
-                answer(step - 1, efforts)
+                send_response(step - 1, efforts)
             return steps() >= step
 
         node.wait_until(there, f"step {step}")
@@ -243,7 +243,7 @@ def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an
     first = steps()
     answered_until(first + 1, EFFORTS)
     for _ in range(5):  # late answers to the state before
-        answer(first, 9 * EFFORTS)
+        send_response(first, 9 * EFFORTS)
     node.client.spin(0.3)
     assert steps() == first + 1
     answered_until(first + 2, 2 * EFFORTS)
@@ -252,11 +252,11 @@ def test_a_step_that_waits_takes_no_efforts_for_an_answer_that_are_stamped_as_an
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
 
 
-def test_parameters_that_change_leave_the_robot_where_it_is(start):
+def test_parameter_changes_keep_the_state_of_the_robot(start):
     joints = [f"panda_joint{k}" for k in range(1, 8)]
     posture = [0.1, -0.3, 0.2, -1.9, 0.1, 1.8, 0.5]
-    told = {"initial.joints": joints, "initial.positions": posture, "gravity": [0.0, 0.0, 0.0]}
-    node = start(robot_file="panda", command_timeout=60.0, **told)
+    initial_state = {"initial.joints": joints, "initial.positions": posture, "gravity": [0.0, 0.0, 0.0]}
+    node = start(robot_file="panda", command_timeout=60.0, **initial_state)
 
     def pushed():
         node.send_efforts([1.0] + [0.0] * 6)
@@ -277,7 +277,7 @@ def test_parameters_that_change_leave_the_robot_where_it_is(start):
     assert not refused.successful
 
 
-def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
+def test_messages_have_the_time_of_the_node_without_publish_clock(start):
     node = start(robot_file="ur5e", base_motion="planar", publish_clock=False, stamped_cmd_vel=True, step=0.005)
     command = TwistStamped()
     command.twist.linear.y = 0.3
@@ -292,22 +292,22 @@ def test_without_a_clock_of_its_own_messages_have_the_time_of_the_node(start):
     assert not node.clock
 
 
-def test_noise_is_that_of_its_seed():
+def test_noise_follows_its_seed():
     simulation, stamp = Simulation(load_robot("ur5e")), Time()
-    heard = [
+    received_count = [
         joint_state_message(simulation, EFFORTS, (1e-3, 2e-3, np.random.default_rng(seed)), stamp).position
         for seed in (7, 7, 8)
     ]
-    assert heard[0] == heard[1] != heard[2] and 1e-5 < np.std(heard[0]) < 5e-3
+    assert received_count[0] == received_count[1] != received_count[2] and 1e-5 < np.std(received_count[0]) < 5e-3
 
 
-def test_what_diverges_stops_is_said_and_begins_anew(start):
+def test_divergence_stops_is_reported_and_can_be_reset(start):
     node = start(robot_file="ur5e", step=0.01, **{"initial.joints": ["elbow_joint"], "initial.velocities": [4000.0]},
                  **{"initial.positions": [0.1]})  # fmt: skip
     node.wait_until(lambda: node.has_diagnostic("step is too long"), "what is wrong")
     assert node.client.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
-    heard = len(node.joint_states)
-    node.wait_until(lambda: len(node.joint_states) > heard + 10, "states again")
+    received_count = len(node.joint_states)
+    node.wait_until(lambda: len(node.joint_states) > received_count + 10, "states again")
 
 
 PARALLELOGRAM = """
@@ -328,7 +328,7 @@ loops:
 """
 
 
-def test_a_parallelogram_stays_one_through_its_flat_positions(start, tmp_path):
+def test_parallelogram_keeps_its_assembly_mode_through_flat_positions(start, tmp_path):
     path = tmp_path / "parallelogram.yaml"
     path.write_text(PARALLELOGRAM)
     node = start(robot_file=str(path), **QUIET, **{"initial.joints": ["crank"], "initial.velocities": [6.0]})

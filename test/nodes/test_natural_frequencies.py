@@ -1,4 +1,4 @@
-"""Natural frequencies over real services: those of the paper, and refusals that leave the node alive."""
+"""Natural frequencies over real services: those of the paper, and refusals that the node survives."""
 
 import numpy as np
 import pytest
@@ -20,15 +20,15 @@ def at(x, y, **others):
     return request
 
 
-def test_the_paper_s_pose_d(client, server):
-    answer = call_successfully(client, server, at(0.0, -0.21, count=5))
-    np.testing.assert_allclose(answer.frequencies, [40.17, 50.32, 52.99, 67.36, 91.52], atol=0.01)
-    assert len(answer.coordinates) == 144
-    assert len(answer.mode_shapes) == 5 * 144
+def test_natural_frequencies_of_pose_d_are_those_of_the_paper(client, server):
+    response = call_successfully(client, server, at(0.0, -0.21, count=5))
+    np.testing.assert_allclose(response.frequencies, [40.17, 50.32, 52.99, 67.36, 91.52], atol=0.01)
+    assert len(response.coordinates) == 144
+    assert len(response.mode_shapes) == 5 * 144
     assert len(call_successfully(client, server, at(0.0, 0.0)).frequencies) == 90
 
 
-def test_a_pose_by_joints(client, server):
+def test_natural_frequencies_at_a_pose_given_by_joints(client, server):
     dynamics = Dynamics(load_robot("navaro"), compiled=False)
     q = dynamics.initial_joint_positions
     request = NaturalFrequencies.Request(joint_names=dynamics.all_joint_names, positions=q.tolist())
@@ -39,7 +39,7 @@ def test_a_pose_by_joints(client, server):
     np.testing.assert_allclose(call_successfully(client, server, request).frequencies[1:], expected[1:], rtol=1e-7)
 
 
-def test_refusals(client, server):
+def test_invalid_natural_frequency_requests_are_refused(client, server):
     assert "does not close" in call_service(client, server, at(0.6, 0.0)).message
     assert "platform.position is not finite" in call_service(client, server, at(np.nan, 0.0)).message
     request = at(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Parameter files with empty lists, and files that `ros2 param dump` writes: nodes as real processes take both."""
+"""Parameter files with empty lists, and files that `ros2 param dump` writes, loaded by real processes."""
 
 import time
 
@@ -51,16 +51,16 @@ def dumped(client, node):
     tree = {}
     for name, value in zip(request.names, values, strict=True):
         *folders, leaf = name.split(".")
-        place = tree
+        section_of_name = tree
         for folder in folders:
-            place = place.setdefault(folder, {})
-        found = getattr(value, FIELDS[value.type - 1]) if value.type else None
-        place[leaf] = list(found) if value.type >= ParameterType.PARAMETER_BYTE_ARRAY else found
+            section_of_name = section_of_name.setdefault(folder, {})
+        entry = getattr(value, FIELDS[value.type - 1]) if value.type else None
+        section_of_name[leaf] = list(entry) if value.type >= ParameterType.PARAMETER_BYTE_ARRAY else entry
     return yaml.dump({node: {"ros__parameters": tree}}, default_flow_style=False)
 
 
 def set_value(client, node, name, value):
-    """What the node says to a ParameterValue: (successful, reason)."""
+    """(successful, reason) of setting a parameter to a ParameterValue."""
     request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
     (result,) = client.call(SetParameters, f"{node}/set_parameters", request).results
     return result.successful, result.reason
@@ -75,8 +75,8 @@ def test_empty_lists_in_a_file_and_in_a_dump_are_empty_lists(executable, client,
     namespace, ready = f"/empty_{executable}", READY.get(executable, "serving Robot('panda'")
     node = f"{namespace}/{executable}"
     log = Log(tmp_path)
-    told = {"robot_file": "panda", **{name: [] for name in LISTS[executable]}}
-    with running_node(executable, told, namespace, log=log.file) as process:
+    node_parameters = {"robot_file": "panda", **{name: [] for name in LISTS[executable]}}
+    with running_node(executable, node_parameters, namespace, log=log.file) as process:
         log.wait_for(ready, process)
         started = dumped(client, node)
         if executable == "replay_check":  # its topics are fixed when it begins
@@ -96,7 +96,7 @@ def test_empty_lists_in_a_file_and_in_a_dump_are_empty_lists(executable, client,
     assert "refused" not in second.text() and "rror" not in second.text(), second.text()
 
 
-def test_a_server_with_an_empty_list_as_gravity_has_that_of_the_earth(client, start_server, panda_dynamics):
+def test_empty_gravity_list_means_gravity_of_the_earth(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda", "gravity": []})
     assert_still_serves(client, server, panda_dynamics)
     assert client.set_parameters(server, {"gravity": [0.0, 0.0, 0.0]}).successful
@@ -106,7 +106,7 @@ def test_a_server_with_an_empty_list_as_gravity_has_that_of_the_earth(client, st
     assert_still_serves(client, server, panda_dynamics)
 
 
-def test_no_parameter_can_be_removed_and_lists_are_shown_as_lists(client, start_server, panda_dynamics):
+def test_parameters_cannot_be_removed_and_lists_are_shown_as_lists(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"})
     for name in ("gravity", "payload.mass", "robot_file", "strict", "payload.inertia"):
         successful, reason = set_value(client, server, name, ParameterValue())
@@ -118,25 +118,25 @@ def test_no_parameter_can_be_removed_and_lists_are_shown_as_lists(client, start_
 
 
 @pytest.mark.parametrize(
-    ("executable", "wrong", "said"),
+    ("executable", "wrong", "expected_text"),
     [
         ("mobile_base_simulator", {"wheels.joints": ["a"], "wheels.radii": []}, "wheels.radii has 0 values and"),
         ("mobile_base_simulator", {"initial.pose": []}, "parameter initial.pose is []: 7 numbers are needed"),
         ("mobile_base_simulator", {"step": []}, "parameter step is []: a number is needed"),
         ("computed_torque", {"kp": []}, "parameter kp has 0 values: 7 are needed"),
-        ("computed_torque", {"kd": [-1.0, 2.0]}, "parameter kd is [-1.0, 2.0]: numbers of zero or more"),
+        ("computed_torque", {"kd": [-1.0, 2.0]}, "parameter kd is [-1.0, 2.0]: numbers of 0 or more"),
         ("computed_torque", {"mode": []}, "parameter mode is []: a text is needed"),
         ("dynamics_server", {"payload.first_moments": []}, "payload.first_moments is []: 3 numbers are needed"),
     ],
 )
-def test_what_cannot_be_an_empty_list_is_refused_with_what_is_right(executable, wrong, said, tmp_path):
+def test_invalid_empty_lists_are_refused_with_the_accepted_values(executable, wrong, expected_text, tmp_path):
     log = Log(tmp_path)
     with running_node(executable, {"robot_file": "panda", **wrong}, "/wrong", log=log.file) as process:
         deadline = time.monotonic() + 60
-        while said not in log.text():
+        while expected_text not in log.text():
             assert time.monotonic() < deadline, log.text()
             if process.poll() is not None:
                 process.wait()
                 break
             time.sleep(0.05)
-    assert said in log.text() and "array(" not in log.text() and "Traceback" not in log.text(), log.text()
+    assert expected_text in log.text() and "array(" not in log.text() and "Traceback" not in log.text(), log.text()

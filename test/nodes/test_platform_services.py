@@ -1,4 +1,4 @@
-"""A parallel robot over ROS 2: the state of its platform in the field base tells the motion, and comes back."""
+"""A parallel robot over ROS 2: the field base has the motion of its platform, in requests and responses."""
 
 import numpy as np
 import pytest
@@ -31,39 +31,41 @@ def platform_points(accelerations=None):
         transform.translation.x, transform.translation.y, transform.translation.z = pose[:3, 3].tolist()
         quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
         transform.rotation.x, transform.rotation.y, transform.rotation.z, transform.rotation.w = quaternion
-        told = [] if accelerations is None else [twist(accelerations[k])]
-        point = MultiDOFJointTrajectoryPoint(transforms=[transform], velocities=[twist(TWISTS[k])], accelerations=told)
+        twists = [] if accelerations is None else [twist(accelerations[k])]
+        point = MultiDOFJointTrajectoryPoint(
+            transforms=[transform], velocities=[twist(TWISTS[k])], accelerations=twists
+        )
         points.append(point)
     return points
 
 
-def test_motion_of_the_platform_asks_for_efforts_and_comes_back_from_them(client, server):
+def test_platform_motion_gives_efforts_and_follows_from_them(client, server):
     request = InverseDynamics.Request()
     request.trajectory.points = [JointTrajectoryPoint() for _ in POSES]
     request.base.points = platform_points(ACCELERATIONS)
-    answer = call_successfully(client, server, request)
+    response = call_successfully(client, server, request)
     q, qd, qdd = DYNAMICS.platform.joint_motion(POSES, TWISTS, ACCELERATIONS)
-    order = [DYNAMICS.robot.joint_numbers[name] for name in answer.trajectory.joint_names]
+    order = [DYNAMICS.robot.joint_numbers[name] for name in response.trajectory.joint_names]
     for name, expected in (("positions", q), ("velocities", qd), ("accelerations", qdd)):
-        np.testing.assert_allclose(field(answer.trajectory, name), expected[:, order], rtol=1e-8, atol=1e-8)
+        np.testing.assert_allclose(field(response.trajectory, name), expected[:, order], rtol=1e-8, atol=1e-8)
     efforts = DYNAMICS.platform.inverse(POSES, TWISTS, ACCELERATIONS)
     motors = len(DYNAMICS.joint_names)
-    assert list(answer.trajectory.joint_names[:motors]) == list(DYNAMICS.joint_names)
-    np.testing.assert_allclose(field(answer.trajectory, "effort")[:, :motors], efforts, rtol=1e-8, atol=1e-7)
-    np.testing.assert_allclose(base_accelerations(answer.base), ACCELERATIONS, atol=1e-8)
-    assert answer.base.joint_names == [DYNAMICS.robot.links[DYNAMICS.robot.platform.link].name]
+    assert list(response.trajectory.joint_names[:motors]) == list(DYNAMICS.joint_names)
+    np.testing.assert_allclose(field(response.trajectory, "effort")[:, :motors], efforts, rtol=1e-8, atol=1e-7)
+    np.testing.assert_allclose(base_accelerations(response.base), ACCELERATIONS, atol=1e-8)
+    assert response.base.joint_names == [DYNAMICS.robot.links[DYNAMICS.robot.platform.link].name]
 
     back = DirectDynamics.Request()
     back.trajectory.joint_names = list(DYNAMICS.joint_names)
     back.trajectory.points = [JointTrajectoryPoint(effort=values.tolist()) for values in efforts]
     back.base.points = platform_points()
-    found = call_service(client, server, back)
-    if not found.success:  # positions and velocities may not be left out where the joints are named
-        raise AssertionError(found.message)
-    np.testing.assert_allclose(base_accelerations(found.base), ACCELERATIONS, atol=1e-7)
+    direct_response = call_service(client, server, back)
+    if not direct_response.success:  # positions and velocities may not be left out where the joints are named
+        raise AssertionError(direct_response.message)
+    np.testing.assert_allclose(base_accelerations(direct_response.base), ACCELERATIONS, atol=1e-7)
 
 
-def test_poses_of_the_platform_ask_for_the_efforts_that_hold_it(client, server):
+def test_platform_poses_give_the_efforts_that_hold_it(client, server):
     request = StaticEquilibrium.Request()
     request.base.points = platform_points()  # and none of joints
     assert "velocities that are not zero: the platform is at rest" in call_service(client, server, request).message
@@ -72,16 +74,20 @@ def test_poses_of_the_platform_ask_for_the_efforts_that_hold_it(client, server):
     request.base.points[0].accelerations = [twist(ACCELERATIONS[0])]
     assert not call_service(client, server, request).success
     request.base.points[0].accelerations = []
-    answer = call_successfully(client, server, request)
-    order = [DYNAMICS.robot.joint_numbers[name] for name in answer.trajectory.joint_names]
+    response = call_successfully(client, server, request)
+    order = [DYNAMICS.robot.joint_numbers[name] for name in response.trajectory.joint_names]
     q = DYNAMICS.platform.joint_motion(POSES)[0]
-    np.testing.assert_allclose(field(answer.trajectory, "positions"), q[:, order], rtol=1e-8, atol=1e-8)
-    held = DYNAMICS.platform.inverse(POSES, np.zeros((5, 6)), np.zeros((5, 6)))  # efforts of no motion at all
-    np.testing.assert_allclose(field(answer.trajectory, "effort")[:, : held.shape[1]], held, rtol=1e-8, atol=1e-7)
-    assert len(answer.stable) == 5
+    np.testing.assert_allclose(field(response.trajectory, "positions"), q[:, order], rtol=1e-8, atol=1e-8)
+    holding_efforts = DYNAMICS.platform.inverse(
+        POSES, np.zeros((5, 6)), np.zeros((5, 6))
+    )  # efforts of no motion at all
+    np.testing.assert_allclose(
+        field(response.trajectory, "effort")[:, : holding_efforts.shape[1]], holding_efforts, rtol=1e-8, atol=1e-7
+    )
+    assert len(response.stable) == 5
 
 
-def test_what_the_base_tells_is_not_told_twice(client, server):
+def test_motion_of_the_platform_excludes_that_of_its_joints(client, server):
     request = InverseDynamics.Request()
     request.trajectory.points = [JointTrajectoryPoint(velocities=[1.0]) for _ in POSES]
     request.base.points = platform_points(ACCELERATIONS)

@@ -1,4 +1,4 @@
-"""What the README tells a user to type does what it says: Python runs, questions are answered by a real server."""
+"""The commands and examples of the README run: Python, requests to real servers, launch files, tables."""
 
 import importlib
 import re
@@ -23,10 +23,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli import excite
+from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS as CONTROL_PARAMETERS
 from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
-from robot_dynamics.nodes.processes import ServiceClient, running_node
-from robot_dynamics.nodes.replay_check.node import PARAMETERS as REPLAY_PARAMETERS
+from robot_dynamics.nodes.processes import running_node
+from robot_dynamics.nodes.replay_check.parameters import PARAMETERS as REPLAY_PARAMETERS
 from robot_dynamics.nodes.robot_source import PARAMETERS
 
 from .simulator_probe import SimulatorProbe, seconds
@@ -76,32 +77,34 @@ def started_as(command):
 
 @pytest.fixture(scope="module")
 def client(ros):
-    made = ServiceClient("reader")
-    yield made
-    made.close()
+    service_client = ServiceClient("reader")
+    yield service_client
+    service_client.close()
 
 
-def test_both_ways_to_start_a_server_are_the_same():
+def test_server_is_started_alike_with_and_without_ros_installation():
     without_ros, with_ros = words(".venv/bin/dynamics_server")[0], words("ros2 run")[0]
     assert with_ros[:4] == ["ros2", "run", "robot_dynamics", "dynamics_server"]
     assert without_ros[1:] == with_ros[4:]
 
 
-def test_questions_of_the_readme_are_answered_by_the_servers_of_the_readme(client):
+def test_requests_of_the_readme_are_served_by_its_servers(client):
     servers = [started_as(command) for command in words("ros2 run") if command[3] == "dynamics_server"]
-    asked = [command for command in words("ros2 service call") if "dynamics_server/" in command[3]]
-    assert len(servers) == 4 and len(asked) == 7
+    calls = [command for command in words("ros2 service call") if "dynamics_server/" in command[3]]
+    assert len(servers) == 4 and len(calls) == 7
     for parameters, namespace in servers:
         with running_node("dynamics_server", parameters, namespace):
             name = f"{namespace.rstrip('/')}/dynamics_server"
-            for _, _, _, service, kind, question in [a for a in asked if a[3].startswith(name + "/")]:
+            for _, _, _, service, kind, text_of_request in [a for a in calls if a[3].startswith(name + "/")]:
                 package, _, kind = kind.split("/")
                 service_type = getattr(importlib.import_module(f"{package}.srv"), kind)
-                response = client.call(service_type, service, fill(service_type.Request(), yaml.safe_load(question)))
+                response = client.call(
+                    service_type, service, fill(service_type.Request(), yaml.safe_load(text_of_request))
+                )
                 assert response.success, response.message
                 if kind == "InverseDynamics":
                     assert np.isfinite(response.trajectory.points[0].effort).all()
-                    assert bool(response.reactions) == ("reaction_wrenches: true" in question)
+                    assert bool(response.reactions) == ("reaction_wrenches: true" in text_of_request)
                 if namespace == "/space":
                     assert response.base.points[0].accelerations[0].linear.z < 0
             if namespace == "/":
@@ -132,7 +135,7 @@ def test_python_of_the_readme_runs(imported, printed, capsys):
     assert printed in capsys.readouterr().out
 
 
-def test_the_arm_whose_links_bend(tmp_path, monkeypatch, capsys):
+def test_flexible_arm_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
     (tmp_path / "mast.yaml").write_text(mast)
     monkeypatch.chdir(tmp_path)
@@ -141,12 +144,12 @@ def test_the_arm_whose_links_bend(tmp_path, monkeypatch, capsys):
     assert "(44, 44) (42, 42) [" in capsys.readouterr().out
 
 
-def test_mdh_table_and_commands_of_the_readme_do_what_they_say(tmp_path):
+def test_mdh_table_and_commands_of_the_readme_run(tmp_path):
     (table,) = re.findall(r"```yaml\n(# arm.yaml\n.*?)```", README, re.DOTALL)
     (tmp_path / "arm.yaml").write_text(table)
     (mast,) = re.findall(r"```yaml\n(# mast.yaml\n.*?)```", README, re.DOTALL)
-    found = Dynamics(load_robot(mast)).elastodynamics.frequencies([0.0, 0.0])
-    assert 1 < found[0] < 20 and not load_robot(mast).warnings
+    mast_frequencies = Dynamics(load_robot(mast)).elastodynamics.frequencies([0.0, 0.0])
+    assert 1 < mast_frequencies[0] < 20 and not load_robot(mast).warnings
     for name, model in (("run", None), ("run_loaded", loaded_panda(2.5))):
         write_bag(tmp_path / name, messages(panda_motion(duration=12.0, model=model)))
     commands = [command for command in COMMANDS if command.startswith(".venv/bin/robot-dynamics")]
@@ -174,7 +177,7 @@ def python_of(beginning):
     return block
 
 
-def test_command_line_says_what_it_takes_and_refuses_the_rest():
+def test_command_line_has_help_and_refuses_unknown_arguments():
     command = [sys.executable, "-m", "robot_dynamics.nodes.dynamics_server"]
     helped = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=180)
     assert helped.returncode == 0 and "robot_file:=panda" in helped.stdout
@@ -192,11 +195,11 @@ def test_table_of_parameters_is_that_of_the_node():
     rows = dict(re.findall(r"^\| `([a-z_.]+)` \| (.*?)\|", README.split("## Parameters")[1], re.MULTILINE))
     assert list(rows) == list(PARAMETERS)
     for name, told in rows.items():
-        default = PARAMETERS[name][0]
+        default = PARAMETERS[name].default
         assert (yaml.safe_load(told.strip(" `")) if told else "") == default, name
 
 
-def test_torques_stream_as_the_readme_says(client):
+def test_computed_torque_of_the_readme_streams(client):
     command = words(".venv/bin/computed_torque")[0]
     assert "robot:=panda" in words("ros2 launch robot_dynamics computed_torque.launch.py")[0]
     parameters, _ = started_as(command)
@@ -205,16 +208,16 @@ def test_torques_stream_as_the_readme_says(client):
     published = words("ros2 topic pub --once /computed_torque/reference")[0]
     assert published[5] == "trajectory_msgs/msg/JointTrajectory"
     with running_node("computed_torque", {**parameters, "state_timeout": 0.5, "deadline": 1.0}, "/readme"):
-        stand = ControllerProbe("/readme/computed_torque", client)
+        probe = ControllerProbe("/readme/computed_torque", client)
         try:
-            stand.stream_until_steady()
-            stand.reference.publish(fill(JointTrajectory(), yaml.safe_load(published[6])))
-            stand.stream_until(lambda: any(message == "computed_torque" for _, message, _ in stand.diagnostics), "it")
+            probe.stream_until_steady()
+            probe.reference.publish(fill(JointTrajectory(), yaml.safe_load(published[6])))
+            probe.stream_until(lambda: any(message == "computed_torque" for _, message, _ in probe.diagnostics), "it")
             ((*_, parameter, value),) = words("ros2 param set /computed_torque")
-            assert stand.set_parameters(**{parameter: value}).successful
-            stand.stream_until(lambda: stand.has_diagnostic(value), value)
+            assert probe.set_parameters(**{parameter: value}).successful
+            probe.stream_until(lambda: probe.has_diagnostic(value), value)
         finally:
-            stand.close()
+            probe.close()
 
 
 def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
@@ -222,10 +225,10 @@ def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
     rows = dict(re.findall(r"^\| `([a-z_]+)` \| (.*?)\|", table, re.MULTILINE))
     assert list(rows) == list(CONTROL_PARAMETERS)
     for name, told in rows.items():
-        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name][0], name
+        assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name].default, name
 
 
-def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
+def test_make_targets_of_the_readme_exist_and_run_in_ci():
     makefile, ci = (ROOT / "Makefile").read_text(), (ROOT / ".ci" / "run").read_text()
     for target in set(re.findall(r"`?make ([a-z]+)", README)):
         assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
@@ -233,7 +236,7 @@ def test_make_targets_of_the_readme_exist_and_ci_runs_what_it_promises():
         assert f"make {target}" in ci, target
 
 
-def test_what_streams_in_real_time_does_not_wait_for_a_core():
+def test_real_time_tests_are_listed_in_the_makefile():
     """`make jazzy` runs the tests that REAL_TIME lists by themselves."""
     lines = re.findall(r"^REAL_TIME \+?= (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     listed, folder = " ".join(lines).split(), ROOT / "test" / "nodes"
@@ -247,10 +250,12 @@ def test_excite_takes_as_long_in_the_readme_as_in_its_help():
     assert taken == [["some seconds"], ["some seconds"]]
 
 
-def test_simulators_of_the_readme_run_and_take_its_messages(client):
+def test_simulators_of_the_readme_run_and_accept_its_messages(client):
     started = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" not in command[-1]]
-    said = [command[5:] for command in words("ros2 topic pub --rate") if "/mobile_base_simulator/" in command[5]]
-    assert len(started) == 3 and len(said) == 2
+    publications = [
+        command[5:] for command in words("ros2 topic pub --rate") if "/mobile_base_simulator/" in command[5]
+    ]
+    assert len(started) == 3 and len(publications) == 2
     for command in started[:2]:
         parameters, namespace = started_as(command)
         with running_node("mobile_base_simulator", parameters, namespace):
@@ -259,7 +264,7 @@ def test_simulators_of_the_readme_run_and_take_its_messages(client):
             if namespace == "/space":
                 node.wait_until(lambda node=node: node.odom, "odom")
             messages = []
-            for topic, kind, message in said if namespace == "/" else []:
+            for topic, kind, message in publications if namespace == "/" else []:
                 package, _, kind = kind.split("/")
                 message_type = getattr(importlib.import_module(f"{package}.msg"), kind)
                 messages.append((topic, fill(message_type(), yaml.safe_load(message))))
@@ -277,7 +282,7 @@ def test_simulators_of_the_readme_run_and_take_its_messages(client):
 def test_commands_of_the_readme_are_published_faster_than_they_time_out():
     """What is published once a second, as `ros2 topic pub` does by itself, acts for a tenth of the time."""
     wheels = started_as(next(c for c in words(".venv/bin/mobile_base_simulator") if "--params-file" in c))[0]
-    default, _ = simulator_parameters.PARAMETERS["command_timeout"]
+    default = simulator_parameters.PARAMETERS["command_timeout"].default
     published = [command[3:] for command in words("ros2 topic pub")]
     assert len(published) == 4
     for first, *others in published:
@@ -288,7 +293,7 @@ def test_commands_of_the_readme_are_published_faster_than_they_time_out():
         assert first == "--rate" and float(others[0]) > 2 / timeout, (first, others)
 
 
-def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(client):
+def test_wheeled_robot_of_the_readme_follows_its_command(client):
     (command,) = [command for command in words(".venv/bin/mobile_base_simulator") if "--params-file" in command]
     (driven,) = [command for command in words("ros2 topic pub") if "/cmd_vel" in command]
     message = fill(Twist(), yaml.safe_load(driven[-1]))
@@ -310,7 +315,7 @@ def test_the_robot_on_wheels_of_the_readme_drives_as_it_is_told(client):
         assert told[wheel] == pytest.approx((message.linear.x + side * 0.08 * message.angular.z) / 0.033, rel=1e-3)
 
 
-def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_posture_of_the_readme(client):
+def test_closed_loop_of_the_readme_reaches_its_posture(client):
     (simulator,) = [command for command in words(".venv/bin/mobile_base_simulator") if "~/effort" in command[-1]]
     controller = words(".venv/bin/computed_torque")[-1]
     posture = yaml.safe_load(words("ros2 topic pub --once /computed_torque/reference")[0][6])
@@ -325,7 +330,9 @@ def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_postu
             dict(zip(posture["joint_names"], posture["points"][0]["positions"], strict=True)),
         )
         node = client.node
-        heard = node.create_subscription(JointState, "/both/joint_states", lambda state: states.append(state), 10)
+        subscription = node.create_subscription(
+            JointState, "/both/joint_states", lambda state: states.append(state), 10
+        )
         reference = node.create_publisher(JointTrajectory, "/both/computed_torque/reference", 10)
 
         def within(patience, condition):
@@ -342,10 +349,10 @@ def test_a_simulator_and_computed_torque_of_the_readme_move_a_robot_to_the_postu
             return all(abs(at[name] - position) < 2e-3 for name, position in wanted.items())
 
         within(120, there)
-        node.destroy_subscription(heard)
+        node.destroy_subscription(subscription)
 
 
-def test_launch_files_of_the_readme_exist_and_take_its_arguments():
+def test_launch_files_of_the_readme_exist_and_declare_its_arguments():
     for _, _, package, file, *arguments in words("ros2 launch"):
         text = (ROOT / "launch" / file).read_text()
         assert package == "robot_dynamics"
@@ -358,19 +365,21 @@ def test_table_of_the_simulators_parameters_is_that_of_the_node():
     rows = re.findall(r"^\| ([a-z_.]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
     assert [name for name, _, _ in rows] == list(simulator_parameters.PARAMETERS)
     for name, default, description in rows:
-        assert (yaml.safe_load(default.strip("`")) if default else "") == simulator_parameters.PARAMETERS[name][0], name
-        assert description == simulator_parameters.PARAMETERS[name][1], name
+        assert (yaml.safe_load(default.strip("`")) if default else "") == simulator_parameters.PARAMETERS[
+            name
+        ].default, name
+        assert description == simulator_parameters.PARAMETERS[name].description, name
 
 
 def test_replay_check_of_the_readme_reports(client):
     (started,) = words(".venv/bin/replay_check")
-    asked = [command for command in words("ros2 service call") if command[3].startswith("/replay_check/")]
+    calls = [command for command in words("ros2 service call") if command[3].startswith("/replay_check/")]
     with running_node("replay_check", *started_as(started)):
-        for _, _, _, service, kind in asked:
+        for _, _, _, service, kind in calls:
             assert kind == "std_srvs/srv/Trigger"
             response = client.call(Trigger, service, Trigger.Request())
             assert not response.success and "nothing was compared yet" in response.message
-    assert len(asked) == 1
+    assert len(calls) == 1
 
 
 def test_table_of_parameters_of_replay_check_is_that_of_the_node():
@@ -378,10 +387,11 @@ def test_table_of_parameters_of_replay_check_is_that_of_the_node():
     rows = re.findall(r"^\| ([a-z_]+) \| (.*?) ?\| (.*) \|$", table, re.MULTILINE)
     assert [name for name, _, _ in rows] == list(REPLAY_PARAMETERS)
     for name, default, description in rows:
-        assert ((yaml.safe_load(default.strip("`")) if default else ""), description) == REPLAY_PARAMETERS[name], name
+        assert (yaml.safe_load(default.strip("`")) if default else "") == REPLAY_PARAMETERS[name].default, name
+        assert description == REPLAY_PARAMETERS[name].description, name
 
 
-def test_messages_in_the_table_of_failures_are_said_by_the_code():
+def test_messages_in_the_table_of_failures_are_in_the_code():
     code = " ".join(path.read_text() for path in [*ROOT.glob("robot_dynamics/**/*.py"), *ROOT.glob("tools/*")])
     code = re.sub(r'"\s*\n\s*f?"', "", code)
     told = re.findall(r"^\| `([^|]*)` ?(?:[^|]*)\|", README.split("## When it fails")[1], re.MULTILINE)

@@ -1,5 +1,7 @@
-"""replay_check in a process of its own, beside a robot whose truth is known: motions and efforts by Pinocchio, told at
-200 Hz of their stamps, some times as fast as those run, as a bag may be played."""
+"""replay_check in a process of its own, with motions and efforts of a known robot, computed by Pinocchio.
+
+Samples are stamped at 200 Hz and published faster than real time, as a bag may be played.
+"""
 
 import time
 
@@ -15,7 +17,8 @@ from std_srvs.srv import Trigger
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.model.placement import to_scipy_rotation
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds, write_pose, write_twist
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import write_pose, write_twist
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
 
 from .controller_probe import DEEP, to_time
@@ -26,7 +29,7 @@ NOISE = 0.05
 
 
 class Watch:
-    """Tells the node of joint states, and keeps what it says."""
+    """Publishes joint states, and keeps the messages of the node."""
 
     def __init__(self, name, client, topics=("joint_states", "wrist_states")):
         self.name, self.client, self.predicted, self.residuals = name, client, [], []
@@ -55,10 +58,12 @@ class Watch:
                 else:
                     self.joints[part] = told
 
-    def wait_until(self, condition, what, patience=30.0):
+    def wait_until(self, condition, description, patience=30.0):
         deadline = time.monotonic() + patience
         while not condition():
-            assert time.monotonic() < deadline, f"not within {patience} s: {what}; {self.whole[-1:]}, {self.joints}"
+            assert time.monotonic() < deadline, (
+                f"not within {patience} s: {description}; {self.whole[-1:]}, {self.joints}"
+            )
             self.client.spin(0.02)
 
     def tell(self, messages):
@@ -116,7 +121,7 @@ def payload_efforts(mass):
                      for row in zip(MOTION.q, MOTION.qd, MOTION.qdd, strict=True)])  # fmt: skip
 
 
-def test_a_robot_that_is_its_model_passes_with_efforts_of_pinocchio(fresh):
+def test_robot_equal_to_its_model_passes_with_efforts_of_pinocchio(fresh):
     fresh.tell(state_messages(measured()))
     fresh.wait_until(lambda: fresh.predicted and fresh.joints, "efforts and verdicts")
     # the last sample that is told is a period of the cut-off, 8 Hz, before the end
@@ -148,7 +153,7 @@ def named(fresh):
 
 
 @pytest.mark.parametrize("fault", ["payload", "sign"])
-def test_a_fault_is_named_with_its_joint_and_time_within_seconds(fresh, fault):
+def test_fault_is_reported_with_its_joint_and_time_within_seconds(fresh, fault):
     efforts, onset = measured(), 600
     if fault == "payload":
         efforts[onset:] += (payload_efforts(1.0) - MOTION.efforts)[onset:]
@@ -171,7 +176,7 @@ def test_a_fault_is_named_with_its_joint_and_time_within_seconds(fresh, fault):
     assert "FAILED" in report.message.splitlines()[-1]
 
 
-def test_other_orders_and_topics_are_taken_and_what_is_wrong_is_said(fresh):
+def test_other_orders_and_topics_are_accepted_and_invalid_data_are_reported(fresh):
     """Joints 1 to 4 backwards and a finger on one topic, 5 to 7 on another, joint 7 without efforts; and nonsense."""
     rng, messages, efforts = np.random.default_rng(1), [], measured()
     arm, wrist = [3, 2, 1, 0], [4, 5]
@@ -202,12 +207,12 @@ def test_other_orders_and_topics_are_taken_and_what_is_wrong_is_said(fresh):
     assert np.isnan(residuals[:, 6]).all()
     report = fresh.call_trigger("report")
     assert not report.success and report.message.count("  passed") == 6 and "  FAILED" in report.message
-    fresh.wait_until(lambda: fresh.has_diagnostic("nobody tells of panda_joint1"), "that nothing comes any more")
+    fresh.wait_until(lambda: fresh.has_diagnostic("no messages on panda_joint1"), "that nothing comes any more")
 
 
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
-def test_uneven_stamps_are_compared_to_the_end_and_what_is_too_short_is_counted(fresh, kind):
-    """Also where few samples lie between two pauses: the node goes on, says so, and has no error of its own."""
+def test_uneven_stamps_are_compared_and_short_segments_are_counted(fresh, kind):
+    """Also with few samples between two pauses: the node reports it and goes on without an internal error."""
     motion = panda_motion(times=uneven_times(kind, 14.0, RATE))
     fresh.tell(state_messages(measured(motion), motion))
     # random steps leave pieces of a second or so between pauses of 5.5 steps, of which the filter leaves half
@@ -230,13 +235,13 @@ def test_uneven_stamps_are_compared_to_the_end_and_what_is_too_short_is_counted(
     assert len(residuals) > 400 and np.sqrt((residuals**2).mean(axis=0)).max() < 0.1
 
 
-def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(watch, tmp_path):
+def test_invalid_parameters_are_refused_and_another_robot_restarts_the_check(watch, tmp_path):
     (tmp_path / "drives.yaml").write_text("format: 1\neffort_gains: {panda_joint9: 2}\n")
     for values, reason in (
         ({"drives": str(tmp_path / "drives.yaml")}, "did you mean"),
         ({"tolerances": "nowhere.yaml"}, "nowhere.yaml"),
         ({"cutoff": -1.0}, "0.1 or more"),
-        ({"topics": ["others"]}, "read when the node begins"),
+        ({"topics": ["others"]}, "is read at startup"),
     ):
         result = watch.client.set_parameters(watch.name, values)
         assert not result.successful and reason in result.reason
@@ -250,7 +255,7 @@ def test_parameters_that_cannot_be_are_refused_and_another_robot_begins_anew(wat
     watch.wait_until(lambda: not watch.has_diagnostic("the base for"), "that it begins anew")
 
 
-def test_an_arm_that_flies_is_checked_with_odom_and_a_payload_it_does_not_have_is_seen(start_module_server, client):
+def test_flying_arm_is_checked_with_odom_and_a_missing_payload_is_detected(start_module_server, client):
     parameters = {"robot_file": "free_flying_arm", "gravity": list(flights.GRAVITY), "topics": ["joint_states"]}
     watch = Watch(start_module_server(parameters, executable="replay_check"), client, topics=("joint_states",))
     namespace = watch.name.rpartition("/")[0]

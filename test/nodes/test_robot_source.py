@@ -1,4 +1,4 @@
-"""Where the server gets its robot: parameters, files, the latched topic. What is refused leaves the old one loaded."""
+"""The robot of a server: parameters, files, the latched topic. A refused change leaves the loaded robot."""
 
 import os
 import time
@@ -23,7 +23,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, Inertia, load_robot
-from robot_dynamics.nodes.processes import ServiceClient, running_node
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.processes import running_node
 
 GOOD = real_urdf("ur5")
 REFUSED = {
@@ -89,7 +90,7 @@ def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(client, panda,
     assert_still_serves(client, panda, panda_dynamics)
 
 
-def test_server_survives_descriptions_that_no_parser_foresaw(client, panda, panda_dynamics, tmp_path):
+def test_server_survives_unforeseen_descriptions(client, panda, panda_dynamics, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     undefined = tmp_path / "undefined.urdf"
     undefined.write_bytes(b'<?xml version="1.0" encoding="undefined"?><robot/>')
@@ -112,19 +113,19 @@ def test_file_that_changed_is_read_again(client, start_server, tmp_path):
     assert (not response.success and "known are j2n6s200_joint_1" in response.message) or "j2" in response.message
 
 
-def test_whole_numbers_are_numbers(client, start_server):
+def test_integers_are_accepted_as_numbers(client, start_server):
     server = start_server({"robot_file": "panda", "gravity": [0, 0, -10]})
     assert client.set_parameters(server, {"payload.link": "panda_link8", "payload.mass": 2}).successful
     heavy = Dynamics(load_robot("panda", gravity=(0, 0, -10)).with_payload("panda_link8", Inertia(2.0)), compiled=False)
-    answer = call_successfully(client, server, inverse())
-    np.testing.assert_array_equal(field(answer.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
+    served = call_successfully(client, server, inverse())
+    np.testing.assert_array_equal(field(served.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
 
 
 @pytest.mark.parametrize(
     ("description", "reason"),
     [("<robot", "not well-formed"), ("", "nothing came on the topic robot_description"), (" ", "is empty")],
 )
-def test_server_without_a_robot_says_why_and_serves_when_it_gets_one(
+def test_server_without_a_robot_reports_why_and_serves_when_it_has_one(
     description, reason, client, start_server, panda_dynamics
 ):
     server = start_server({"robot_description": description})
@@ -147,7 +148,7 @@ def eventually(client, condition, seconds=30):
         client.spin(0.1)
 
 
-def test_latched_topic_gives_the_robot_and_another_one_later(client, start_server):
+def test_latched_topic_provides_the_robot_and_replaces_it_later(client, start_server):
     """The description is published before the server is there; it changes; bad ones and one of 100 MB are refused."""
     name = "/latched"
     latched = publisher(client, f"{name}/dynamics_server")
@@ -193,7 +194,7 @@ def test_latched_topic_gives_the_robot_and_another_one_later(client, start_serve
     client.node.destroy_publisher(latched)
 
 
-def test_parameter_comes_before_the_topic(client, start_server, panda_dynamics):
+def test_parameter_has_priority_over_the_topic(client, start_server, panda_dynamics):
     server = start_server({"robot_file": "panda"}, namespace="/preferred")
     latched = publisher(client, server)
     latched.publish(String(data=GOOD))
@@ -206,15 +207,17 @@ def test_parameter_comes_before_the_topic(client, start_server, panda_dynamics):
     client.node.destroy_publisher(latched)
 
 
-def test_diagnostics_tell_what_is_served_and_what_was_refused(start_server):
+def test_diagnostics_have_the_robot_and_the_refusals(start_server):
     server = start_server({"robot_file": "panda"})
     own = ServiceClient("listener")
-    found = []
-    own.node.create_subscription(DiagnosticArray, "/diagnostics", found.append, 10)
+    messages_received = []
+    own.node.create_subscription(DiagnosticArray, "/diagnostics", messages_received.append, 10)
     call_service(own, server, inverse(PANDA[:6], Q[:, :6], QD[:, :6], QDD[:, :6]))
 
     def told():
-        statuses = [status for message in found for status in message.status if status.name.startswith(server)]
+        statuses = [
+            status for message in messages_received for status in message.status if status.name.startswith(server)
+        ]
         values = [{pair.key: pair.value for pair in status.values} for status in statuses]
         return any(
             status.level == DiagnosticStatus.OK
@@ -227,11 +230,13 @@ def test_diagnostics_tell_what_is_served_and_what_was_refused(start_server):
     own.close()
 
 
-def test_a_misspelt_parameter_is_told_with_the_one_that_is_meant(tmp_path):
+def test_misspelt_parameter_is_reported_with_the_likely_one(tmp_path):
     told = {"robt_file": "panda", "use_sim_time": False, "qos_overrides": {"/a.subscription.depth": 1}}
     with (tmp_path / "log").open("w") as log, running_node("dynamics_server", told, "/misspelt", log=log):
-        deadline, said = time.monotonic() + 30, ""
-        while "Nothing reads it" not in said and time.monotonic() < deadline:
+        deadline, output = time.monotonic() + 30, ""
+        while "Nothing reads it" not in output and time.monotonic() < deadline:
             time.sleep(0.1)
-            said = (tmp_path / "log").read_text()
-    assert "unknown parameter 'robt_file': did you mean 'robot_file'?" in said and said.count("Nothing reads it") == 1
+            output = (tmp_path / "log").read_text()
+    assert (
+        "unknown parameter 'robt_file': did you mean 'robot_file'?" in output and output.count("Nothing reads it") == 1
+    )

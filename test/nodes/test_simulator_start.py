@@ -1,4 +1,4 @@
-"""Where a simulated robot begins: within the limits of its description, and with a warning where it cannot."""
+"""The initial state of a simulated robot: within the limits of its description, else with a warning."""
 
 import time
 
@@ -7,12 +7,8 @@ import pytest
 from peers.real_robots import real_urdf
 
 from robot_dynamics import load_robot
-from robot_dynamics.nodes.mobile_base_simulator.parameters import (
-    PARAMETERS,
-    build_simulation,
-    joint_limit_warnings,
-    validate_parameter,
-)
+from robot_dynamics.nodes.mobile_base_simulator.parameters import PARAMETERS
+from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import build_simulation, joint_limit_warnings
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.simulation import Simulation
 
@@ -25,15 +21,12 @@ SLIDE = """<robot name="slide"><link name="base"/><link name="cart"><inertial><m
 
 
 def begun(robot, **told):
-    values = {
-        name: validate_parameter(name, told.get(name.replace(".", "_"), default))
-        for name, (default, _) in PARAMETERS.items()
-    }
+    values = {name: spec.validate(told.get(name.replace(".", "_"), spec.default)) for name, spec in PARAMETERS.items()}
     return build_simulation(values, robot).simulation
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "kinova", "xarm7", "z1", "so101", "allegro", "solo12", "hyq"])
-def test_real_robots_begin_within_their_limits(name):
+def test_real_robots_start_within_their_limits(name):
     robot = load_robot(real_urdf(name))
     simulation, resting = begun(robot), Simulation(robot).state.positions
     assert not list(joint_limit_warnings(simulation))
@@ -47,7 +40,7 @@ def test_real_robots_begin_within_their_limits(name):
     "name",
     ["panda", "ur5e", "rx90", "puma560", "manutec_r3", "free_flying_arm", "turtlebot3_burger", "sr400"],
 )
-def test_robots_that_ship_begin_where_their_description_says(name):
+def test_shipped_robots_start_at_the_positions_of_their_description(name):
     robot = load_robot(name)
     simulation, resting = begun(robot), Simulation(robot).state.positions
     moved = {joint for joint, a, b in zip(simulation.joint_names, simulation.state.positions, resting, strict=True)
@@ -58,11 +51,11 @@ def test_robots_that_ship_begin_where_their_description_says(name):
 @pytest.mark.parametrize(
     ("lower", "upper", "position"), [(-1, 1, 0), (0.5, 1.5, 1), (-3, -1, -2), (0.2, 1e300, 0.2), (2, 1, 0)]
 )
-def test_zero_where_it_is_allowed_and_else_the_middle(lower, upper, position):
+def test_initial_position_is_zero_if_allowed_and_else_the_middle_of_the_limits(lower, upper, position):
     assert begun(load_robot(SLIDE.format(lower, upper))).state.positions == pytest.approx([position])
 
 
-def test_what_a_parameter_or_the_description_says_comes_first():
+def test_parameters_and_description_have_priority_over_the_limits():
     robot = load_robot("panda")
     simulation = begun(robot, initial_joints=["panda_joint4"], initial_positions=[0.3])
     assert simulation.state.positions[3] == 0.3 and len(list(joint_limit_warnings(simulation))) == 1
@@ -73,7 +66,7 @@ def test_what_a_parameter_or_the_description_says_comes_first():
     assert simulation.state.positions.tolist() == [2.0] and len(list(joint_limit_warnings(simulation))) == 1
 
 
-def test_a_simulated_panda_starts_without_a_warning(client, tmp_path):
+def test_simulated_panda_starts_without_a_warning(client, tmp_path):
     log = tmp_path / "log"
     with log.open("w") as file, running_node("mobile_base_simulator", {"robot_file": "panda", "start_paused": True},
                                              "/within", log=file):  # fmt: skip

@@ -1,7 +1,6 @@
 """Faults on real processes while efforts stream: they go to zero in time, never exceed limits, and come back.
 
-Times are those of the stamps that the node puts on its efforts and the publisher on its states: how long a message
-takes to this process is not what is asked.
+Times are those of the stamps of efforts and states: the transit time of messages to this process does not count.
 """
 
 import signal
@@ -19,7 +18,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
-from robot_dynamics.nodes.codecs.geometry import to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.nodes.qos import LATCHED_QOS
 
@@ -38,14 +37,14 @@ TOLD = {
 
 
 @contextmanager
-def stand_of(target, client):
-    made = ControllerProbe(target, client)
+def probing(target, client):
+    probe_of_target = ControllerProbe(target, client)
     try:
-        yield made
-        sent = np.array([efforts for _, efforts in made.commands])
+        yield probe_of_target
+        sent = np.array([efforts for _, efforts in probe_of_target.commands])
         assert len(sent) and np.isfinite(sent).all() and (np.abs(sent) <= LIMITS).all()
     finally:
-        made.close()
+        probe_of_target.close()
 
 
 @pytest.fixture(scope="module")
@@ -54,9 +53,9 @@ def target(start_module_server):
 
 
 @pytest.fixture
-def stand(target, client):
-    with stand_of(target, client) as made:
-        yield made
+def probe(target, client):
+    with probing(target, client) as probe_of_target:
+        yield probe_of_target
 
 
 @contextmanager
@@ -71,15 +70,15 @@ def publisher(namespace, names=PANDA, q=Q):
         process.wait()
 
 
-def held(stand):
-    return bool(stand.efforts) and np.abs(np.array(stand.efforts[-1].effort) - HELD).max() < 1e-9
+def held(probe):
+    return bool(probe.efforts) and np.abs(np.array(probe.efforts[-1].effort) - HELD).max() < 1e-9
 
 
-def check_way_to_zero(stand, since, visible):
+def check_way_to_zero(probe, since, visible):
     """Efforts of messages from number `since` on are on the way to zero soon after the fault was visible [ns]."""
-    late = [(to_nanoseconds(m.header.stamp) - visible) * 1e-6 - SOON for m in stand.efforts[since:]]
+    late = [(to_nanoseconds(m.header.stamp) - visible) * 1e-6 - SOON for m in probe.efforts[since:]]
     allowed = {ms: max(0.0, 1 - ms / RAMP) for ms in late}
-    for ms, message in zip(late, stand.efforts[since:], strict=True):
+    for ms, message in zip(late, probe.efforts[since:], strict=True):
         if ms >= 0:
             assert (np.abs(message.effort) <= allowed[ms] * np.abs(HELD) + 1e-9).all(), f"{ms:.1f} ms too late"
     assert max(late) > RAMP, "zeros are not sent on"
@@ -93,32 +92,32 @@ def first_held(efforts, after=0):
     return next((to_nanoseconds(m.header.stamp) for m in later if np.abs(np.array(m.effort) - HELD).max() < 1e-9), None)
 
 
-def check_recovery(stand):
+def check_recovery(probe):
     """From the last zeros, sent because states were still missing, to efforts that hold the robot."""
-    last = max(k for k, message in enumerate(stand.efforts) if not np.any(message.effort))
-    began = to_nanoseconds(stand.efforts[last].header.stamp)
-    print(f"efforts again after {(first_held(stand.efforts[last:]) - began) * 1e-6:.0f} ms")  # a time of this machine
+    last = max(k for k, message in enumerate(probe.efforts) if not np.any(message.effort))
+    began = to_nanoseconds(probe.efforts[last].header.stamp)
+    print(f"efforts again after {(first_held(probe.efforts[last:]) - began) * 1e-6:.0f} ms")  # a time of this machine
 
 
-def zeros(stand, count=5):
-    return len(stand.efforts) >= count and not np.any([message.effort for message in stand.efforts[-count:]])
+def zeros(probe, count=5):
+    return len(probe.efforts) >= count and not np.any([message.effort for message in probe.efforts[-count:]])
 
 
-def test_a_publisher_that_is_killed_and_comes_back_with_another_joint_order(stand):
-    namespace = stand.target.rpartition("/")[0]
+def test_efforts_end_with_a_killed_publisher_and_return_with_another_joint_order(probe):
+    namespace = probe.target.rpartition("/")[0]
     with publisher(namespace) as process:
-        stand.wait_until(lambda: held(stand) and len(stand.state_stamps) > 100, "efforts")
+        probe.wait_until(lambda: held(probe) and len(probe.state_stamps) > 100, "efforts")
         process.send_signal(signal.SIGKILL)
         process.wait()
-        stand.wait_until(lambda: zeros(stand), "zeros")
+        probe.wait_until(lambda: zeros(probe), "zeros")
     time.sleep(0.2)
-    visible = stand.state_stamps[-1] + TIMEOUT * 1_000_000
-    since = next(k for k, m in enumerate(stand.efforts) if to_nanoseconds(m.header.stamp) > stand.state_stamps[-1])
-    check_way_to_zero(stand, since, visible)
-    stand.wait_until(lambda: stand.has_diagnostic("no joint_states for more than 20 ms"), "the cause")
+    visible = probe.state_stamps[-1] + TIMEOUT * 1_000_000
+    since = next(k for k, m in enumerate(probe.efforts) if to_nanoseconds(m.header.stamp) > probe.state_stamps[-1])
+    check_way_to_zero(probe, since, visible)
+    probe.wait_until(lambda: probe.has_diagnostic("no joint_states for more than 20 ms"), "the cause")
     with publisher(namespace, PANDA[::-1], Q[::-1]):
-        stand.wait_until(lambda: held(stand), "efforts again")
-    check_recovery(stand)
+        probe.wait_until(lambda: held(probe), "efforts again")
+    check_recovery(probe)
 
 
 BAD = {
@@ -133,110 +132,112 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("what", BAD)
-def test_states_that_cannot_be_used(what, stand):
-    bad, said = BAD[what]
-    stand.stream_until(lambda: held(stand), "efforts")
-    since, began = len(stand.efforts), time.time_ns()
-    stand.stream(0.25, **bad)
-    stand.wait_until(lambda: stand.has_diagnostic(f"efforts go to zero: {said}") or stand.has_diagnostic(said), said)
-    check_way_to_zero(stand, since, began)
-    stand.stream_until(lambda: held(stand), "efforts again")
-    check_recovery(stand)
-
-
-def test_a_burst_of_ten_thousand_messages(stand):
-    stand.stream_until(lambda: held(stand), "efforts")
-    for k in range(10_000):
-        stand.publish(q=Q + 1e-4 * (k % 7))
-    since, ended = len(stand.efforts), time.time_ns()
-    stand.stream_until(lambda: first_held(stand.efforts[since:], ended), "efforts after the burst")
-    print(f"efforts again {(first_held(stand.efforts[since:], ended) - ended) * 1e-6:.0f} ms after the burst")
-
-
-def test_efforts_that_are_late_again_and_again(stand):
-    stand.stream_until(lambda: held(stand), "efforts")
-    assert stand.set_parameters(deadline=1e-4, deadline_misses=5).successful  # [s], no message is that fast
-    stand.stream_until(
-        lambda: stand.has_diagnostic("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
+@pytest.mark.parametrize("case", BAD)
+def test_invalid_states_lead_to_zero_efforts(case, probe):
+    bad, reason = BAD[case]
+    probe.stream_until(lambda: held(probe), "efforts")
+    since, began = len(probe.efforts), time.time_ns()
+    probe.stream(0.25, **bad)
+    probe.wait_until(
+        lambda: probe.has_diagnostic(f"efforts go to zero: {reason}") or probe.has_diagnostic(reason), reason
     )
-    stand.stream_until(lambda: zeros(stand), "zeros")
-    assert stand.set_parameters(deadline=TOLD["deadline"]).successful
-    stand.stream_until(lambda: held(stand), "efforts again")
+    check_way_to_zero(probe, since, began)
+    probe.stream_until(lambda: held(probe), "efforts again")
+    check_recovery(probe)
 
 
-def test_a_description_of_another_robot_stops_efforts_until_the_right_one_comes(start_server, client):
-    told = {name: value for name, value in TOLD.items() if name != "robot_file"}
-    target = start_server(told, executable="computed_torque")
-    with stand_of(target, client) as stand:
-        description = stand.node.create_publisher(String, "robot_description", LATCHED_QOS)
+def test_efforts_return_after_a_burst_of_ten_thousand_messages(probe):
+    probe.stream_until(lambda: held(probe), "efforts")
+    for k in range(10_000):
+        probe.publish(q=Q + 1e-4 * (k % 7))
+    since, ended = len(probe.efforts), time.time_ns()
+    probe.stream_until(lambda: first_held(probe.efforts[since:], ended), "efforts after the burst")
+    print(f"efforts again {(first_held(probe.efforts[since:], ended) - ended) * 1e-6:.0f} ms after the burst")
+
+
+def test_repeated_deadline_misses_lead_to_zero_efforts(probe):
+    probe.stream_until(lambda: held(probe), "efforts")
+    assert probe.set_parameters(deadline=1e-4, deadline_misses=5).successful  # [s], no message is that fast
+    probe.stream_until(
+        lambda: probe.has_diagnostic("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
+    )
+    probe.stream_until(lambda: zeros(probe), "zeros")
+    assert probe.set_parameters(deadline=TOLD["deadline"]).successful
+    probe.stream_until(lambda: held(probe), "efforts again")
+
+
+def test_description_of_another_robot_stops_efforts_until_the_right_one_comes(start_server, client):
+    parameters = {name: value for name, value in TOLD.items() if name != "robot_file"}
+    target = start_server(parameters, executable="computed_torque")
+    with probing(target, client) as probe:
+        description = probe.node.create_publisher(String, "robot_description", LATCHED_QOS)
         texts = {name: shipped_robots()[name].read_text() for name in ("panda", "ur5e")}
         description.publish(String(data=texts["panda"]))
-        stand.stream_until(lambda: held(stand), "efforts")
+        probe.stream_until(lambda: held(probe), "efforts")
         description.publish(String(data="<robot"))
-        stand.stream_until(lambda: stand.has_diagnostic("last change refused: topic robot_description"), "the refusal")
-        assert held(stand), "what is no robot leaves the one before it"
+        probe.stream_until(lambda: probe.has_diagnostic("last change refused: topic robot_description"), "the refusal")
+        assert held(probe), "what is no robot leaves the one before it"
         description.publish(String(data=texts["ur5e"]))
-        said = "the description of 'ur5e' does not fit: parameter joints: unknown joint 'panda_joint1'"
-        stand.stream_until(lambda: stand.has_diagnostic(f"efforts go to zero: {said}"), said)
-        stand.stream_until(lambda: zeros(stand), "zeros")
+        reason = "the description of 'ur5e' does not fit: parameter joints: unknown joint 'panda_joint1'"
+        probe.stream_until(lambda: probe.has_diagnostic(f"efforts go to zero: {reason}"), reason)
+        probe.stream_until(lambda: zeros(probe), "zeros")
         heavier = texts["panda"].replace('<mass value="3', '<mass value="4')
         description.publish(String(data=heavier))
         library = Dynamics(load_robot(heavier), compiled=False)
         expected = np.clip(library.gravity(Q), -LIMITS, LIMITS)
         back = time.monotonic()
-        stand.stream_until(lambda: np.abs(stand.commands[-1][1] - expected).max() < 1e-9, "the heavier robot")
+        probe.stream_until(lambda: np.abs(probe.commands[-1][1] - expected).max() < 1e-9, "the heavier robot")
         print(f"another robot was ready after {time.monotonic() - back:.2f} s")
 
 
-def test_a_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, client):
+def test_clock_that_jumps_back_or_stands_still_stops_efforts(start_server, client):
     target = start_server({**TOLD, "use_sim_time": True}, executable="computed_torque")
-    with stand_of(target, client) as stand:
-        clock, now = stand.node.create_publisher(Clock, "/clock", 10), [10 * 10**9]
+    with probing(target, client) as probe:
+        clock, now = probe.node.create_publisher(Clock, "/clock", 10), [10 * 10**9]
 
-        def run(condition, what, patience=20.0):
+        def run(condition, case, patience=20.0):
             """Time runs, and states come."""
             until = time.monotonic() + patience
             while not condition():
-                assert time.monotonic() < until, f"{what}: {stand.diagnostics[-1:]}"
+                assert time.monotonic() < until, f"{case}: {probe.diagnostics[-1:]}"
                 now[0] += 4_000_000
                 clock.publish(Clock(clock=to_time(now[0])))
-                stand.publish(stamp=now[0])
+                probe.publish(stamp=now[0])
                 time.sleep(0.004)
 
-        run(lambda: held(stand), "efforts")
+        run(lambda: held(probe), "efforts")
         now[0] = 2 * 10**9
-        since = len(stand.efforts)
-        run(lambda: zeros(stand, 40), "zeros")
-        run(lambda: stand.has_diagnostic("the clock jumped back by"), "the cause")
-        sent = [m for m in stand.efforts[since:] if to_nanoseconds(m.header.stamp) < 9 * 10**9]
+        since = len(probe.efforts)
+        run(lambda: zeros(probe, 40), "zeros")
+        run(lambda: probe.has_diagnostic("the clock jumped back by"), "the cause")
+        sent = [m for m in probe.efforts[since:] if to_nanoseconds(m.header.stamp) < 9 * 10**9]
         for message in sent:
             ms = to_nanoseconds(message.header.stamp) * 1e-6 - 2000 - SOON
             assert (np.abs(message.effort) <= np.clip(1 - ms / RAMP, 0, 1) * np.abs(HELD) + 1e-9).all()
-        stand.reference.publish(trajectory_message(PANDA, [0.0, 1.0], [Q, Q]))
-        run(lambda: held(stand), "efforts with a new reference")
+        probe.reference.publish(trajectory_message(PANDA, [0.0, 1.0], [Q, Q]))
+        run(lambda: held(probe), "efforts with a new reference")
         # the simulation is gone: no time goes on, and no state comes
-        since = len(stand.diagnostics)
-        stand.wait_until(lambda: zeros(stand), "zeros while time stands still", patience=3.0)
-        stand.wait_until(
-            lambda: stand.has_diagnostic("no joint_states for 1 s, and the clock stands still", since), "the cause"
+        since = len(probe.diagnostics)
+        probe.wait_until(lambda: zeros(probe), "zeros while time stands still", patience=3.0)
+        probe.wait_until(
+            lambda: probe.has_diagnostic("no joint_states for 1 s, and the clock stands still", since), "the cause"
         )
-        run(lambda: held(stand), "efforts where time goes on")
+        run(lambda: held(probe), "efforts where time goes on")
 
 
-def test_a_node_that_is_killed_begins_again_with_zeros(ros, client):
+def test_killed_node_restarts_with_zero_efforts(ros, client):
     namespace, ramp = "/killed", 10.0  # [s] longer than it may take until the new process is heard
-    with publisher(namespace), stand_of(f"{namespace}/computed_torque", client) as stand:
+    with publisher(namespace), probing(f"{namespace}/computed_torque", client) as probe:
         with running_node("computed_torque", TOLD, namespace) as process:
-            stand.wait_until(lambda: held(stand), "efforts")
+            probe.wait_until(lambda: held(probe), "efforts")
             process.send_signal(signal.SIGKILL)
             process.wait()
         time.sleep(0.5)  # what it had sent before arrives
-        count, since, started = len(stand.commands), len(stand.efforts), time.time_ns()
+        count, since, started = len(probe.commands), len(probe.efforts), time.time_ns()
         with running_node("computed_torque", {**TOLD, "ramp_time": ramp}, namespace):
-            stand.wait_until(lambda: len(stand.efforts) > since + 20, "efforts again")
-        stand.wait_until(lambda: not np.any(stand.commands[-1][1]), "zeros, the last of a node that ends")
-        first, sent = stand.efforts[since], np.array([efforts for _, efforts in stand.commands[count:]])
+            probe.wait_until(lambda: len(probe.efforts) > since + 20, "efforts again")
+        probe.wait_until(lambda: not np.any(probe.commands[-1][1]), "zeros, the last of a node that ends")
+        first, sent = probe.efforts[since], np.array([efforts for _, efforts in probe.commands[count:]])
         share = np.abs(first.effort).max() / np.abs(HELD).max()  # of the ramp, by which it was at zero
         assert to_nanoseconds(first.header.stamp) - share * ramp * 1e9 > started
         assert np.abs(np.diff(sent[:-1], axis=0)).max() < 0.1 * np.abs(HELD).max()

@@ -1,9 +1,9 @@
 """Processes around streamed efforts are stopped and killed while others listen, one of which judges by its own clock.
 
-A listener by shared memory shares locks with the publisher that dies; the observer does not, so that what it sees late
-is late.
+A listener with shared memory shares locks with the publisher that is killed; the observer does not, so messages that
+it receives late were sent late.
 
-Default parameters, states at 1 kHz. INTERRUPTION_ROUNDS=100 is what `make soak` runs; here there are few rounds.
+Default parameters, states at 1 kHz. `make soak` runs it with INTERRUPTION_ROUNDS=100; by default there are few rounds.
 """
 
 import os
@@ -42,7 +42,7 @@ PATIENCE = 30.0  # [s]
 class Bench:
     """computed_torque, a publisher of states, a listener and an observer, each in a process of its own.
 
-    records: what the observer wrote since `forget`. parameters: of the node, beside those by default. options: of the
+    records: those of the observer since `forget`. parameters: of the node, in addition to the defaults. options: of the
     publisher.
     """
 
@@ -50,8 +50,8 @@ class Bench:
         self.namespace = f"/interruptions_{os.getpid()}_{time.monotonic_ns()}"
         target = f"{self.namespace}/computed_torque"
         self._stack, self._options = stack, options
-        told = {"robot_file": "panda", **(parameters or {})}
-        self.node = stack.enter_context(running_node("computed_torque", told, self.namespace))
+        node_parameters = {"robot_file": "panda", **(parameters or {})}
+        self.node = stack.enter_context(running_node("computed_torque", node_parameters, self.namespace))
         listener = subprocess.Popen(
             [sys.executable, OBSERVER, target, os.devnull], env={**os.environ, "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
         )
@@ -221,8 +221,8 @@ def check_silence(bench, dropped, slack):
     return text, faults
 
 
-def test_states_without_stamps_that_waited_while_the_node_stood_still(ros, client, tmp_path):
-    """The second joint moves, so that its effort says which state it answers; without a ramp it says so at once."""
+def test_unstamped_states_that_waited_during_a_standstill_are_stale(ros, client, tmp_path):
+    """The second joint moves, so its effort identifies the state that it belongs to, at once without a ramp."""
     drift = 0.025
     swept = np.linspace(0.0, SWEEP, 2000, endpoint=False)
     q = np.tile(Q, (len(swept), 1))
@@ -252,7 +252,7 @@ def test_states_without_stamps_that_waited_while_the_node_stood_still(ros, clien
     ("interrupt", "durations"), [(stop_publisher, (0.03, 1.0)), (kill_publisher, (0.0, 0.3))], ids=["stop", "kill"]
 )
 @pytest.mark.timeout(60 + 15 * ROUNDS)
-def test_states_that_end_while_another_process_listens(interrupt, durations, bench):
+def test_efforts_end_with_the_states_for_another_process(interrupt, durations, bench):
     rng = np.random.default_rng(0)
     wrong = []
     with reported(interrupt.__name__) as rounds:
@@ -270,7 +270,7 @@ def test_states_that_end_while_another_process_listens(interrupt, durations, ben
 
 
 def stop_node(bench, duration):
-    """Returns the time [ns] at which it goes on."""
+    """Stop the process of the node for a time, and return the time [ns] at which it goes on."""
     bench.node.send_signal(signal.SIGSTOP)
     time.sleep(duration)
     resumed = time.time_ns()
@@ -306,7 +306,7 @@ def since(records, time):
 
 
 @pytest.mark.timeout(60 + 15 * ROUNDS)
-def test_a_node_that_stands_still_while_another_process_listens(bench, client):
+def test_standstill_of_the_node_sends_no_stale_efforts(bench, client):
     rng = np.random.default_rng(1)
     wrong = []
     before = bench.diagnosis(client)
@@ -333,7 +333,7 @@ def test_a_node_that_stands_still_while_another_process_listens(bench, client):
     assert int(values["standstills"]) >= int(before["standstills"]) + ROUNDS
 
 
-def test_points_without_stamps_that_waited_while_the_node_stood_still(bench, client):
+def test_unstamped_points_that_waited_during_a_standstill_are_late(bench, client):
     bench.lead()
     publisher = client.node.create_publisher(JointTrajectory, f"{bench.namespace}/computed_torque/reference_point", 10)
     point = trajectory_message(PANDA, [0.0], [REFERENCE], [np.zeros(7)], [np.zeros(7)])

@@ -1,6 +1,6 @@
 """Efforts that stream for long: the memory of the node stays what it was, and no reference is missed.
 
-SOAK_SECONDS=600 is what `make soak` runs; here it is short.
+`make soak` runs it with SOAK_SECONDS=600; the default is short.
 """
 
 import os
@@ -23,9 +23,9 @@ def memory(process):
     return 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
 
 
-def test_efforts_stream_without_growing_and_without_missing_a_reference(ros, client):
-    told = {"robot_file": "panda", "state_timeout": 0.5, "reference_timeout": 2.0, "deadline": 1.0}
-    with running_node("computed_torque", told, "/soak") as process:
+def test_long_stream_neither_grows_nor_misses_a_reference(ros, client):
+    parameters = {"robot_file": "panda", "state_timeout": 0.5, "reference_timeout": 2.0, "deadline": 1.0}
+    with running_node("computed_torque", parameters, "/soak") as process:
         stand = ControllerProbe("/soak/computed_torque", client, history=1000)
         try:
             stand.stream_until_steady()

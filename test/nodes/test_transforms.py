@@ -60,9 +60,9 @@ def tf2(tmp_path_factory):
                    if name not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH")}  # fmt: skip
     environment["PATH"] = os.pathsep.join([str(venv / "bin"), environment["PATH"]])
     environment["AMENT_PREFIX_PATH"] = environment["CMAKE_PREFIX_PATH"] = str(venv)
-    told = [f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"]
+    options = [f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"]
     for command in (
-        ["-S", source, "-B", source / "build", "-G", "Ninja", *told],
+        ["-S", source, "-B", source / "build", "-G", "Ninja", *options],
         ["--build", source / "build"],
         ["--install", source / "build"],
     ):
@@ -77,14 +77,14 @@ def tf2(tmp_path_factory):
     }
 
 
-def test_the_pose_of_the_base_is_on_tf(tf2):
+def test_pose_of_the_base_is_published_on_tf(tf2):
     parameters = {"robot_file": "free_flying_arm", "initial.pose": [1.0, -2.0, 3.0, 0.0, 0.0, 0.6, 0.8]}
     parameters.update({"gravity": [0.0, 0.0, 0.0], "odom_frame": "world", "base_frame": "satellite"})
     with running_node("mobile_base_simulator", parameters, environment=tf2):
-        heard = subprocess.run(
+        messages = subprocess.run(
             [sys.executable, "-c", LISTENER], env={**os.environ, **tf2}, capture_output=True, text=True, timeout=90
         )
-    assert heard.returncode == 0, heard.stderr
-    world, base, *numbers = heard.stdout.split()
+    assert messages.returncode == 0, messages.stderr
+    world, base, *numbers = messages.stdout.split()
     assert (world, base) == ("world", "satellite")
     assert list(map(float, numbers)) == pytest.approx([1.0, -2.0, 3.0, 0.0, 0.0, 0.6, 0.8], abs=1e-12)

@@ -22,7 +22,7 @@ from std_msgs.msg import Float64MultiArray
 
 from robot_dynamics.nodes.message_info import MessageInfoCallback
 from robot_dynamics.nodes.middleware import without_shared_memory
-from robot_dynamics.nodes.processes import make_events_executor
+from robot_dynamics.nodes.runner import make_events_executor
 
 JOINTS = 7
 STATE, COMMAND, EFFORT = range(3)

@@ -1,5 +1,7 @@
-"""What launch files start, for machines without `launch`, which is no wheel: the few of its classes that our files use,
-with the rules of `ros2 launch` (launch 3.4, launch_ros 0.26)."""
+"""The nodes that launch files start, on machines without `launch`, which is not among the wheels of ROS.
+
+It has the few classes that our files use, with the rules of `ros2 launch` (launch 3.4, launch_ros 0.26).
+"""
 
 import importlib.util
 import sys
@@ -13,7 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def typed_arguments(arguments):
-    """{name: value} of `name:=value` as they are typed. Raises ValueError for what ros2 launch calls malformed."""
+    """{name: value} of arguments `name:=value`. Raises ValueError for arguments that ros2 launch calls malformed."""
     values = {}
     for argument in arguments:
         name, assigned, value = argument.partition(":=")
@@ -24,7 +26,7 @@ def typed_arguments(arguments):
 
 
 def performed(value, context):
-    """The text of a substitution, or of a list of them, where launch arguments have the values of `context`."""
+    """The text of a substitution, or of a list of them, for the launch arguments of `context`."""
     if isinstance(value, list | tuple):
         return "".join(performed(item, context) for item in value)
     return value if isinstance(value, str) else value.perform(context)
@@ -66,9 +68,9 @@ class Node:
     output: str = "log"
 
     def arguments(self, context, folder):
-        """What follows --ros-args on the command line; dicts of parameters are written into files in a folder."""
+        """Arguments after --ros-args on the command line; dicts of parameters are written into files in a folder."""
         namespace = performed(self.namespace, context)
-        told = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
+        words = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
         for number, parameters in enumerate(self.parameters):
             if isinstance(parameters, dict):
                 values = {name: _parameter(value, context) for name, value in parameters.items()}
@@ -76,14 +78,14 @@ class Node:
                 path.write_text(yaml.dump({"/**": {"ros__parameters": values}}))
             else:
                 path = performed(parameters, context)
-            told += ["--params-file", str(path)]
+            words += ["--params-file", str(path)]
         for old, new in self.remappings:
-            told += ["-r", f"{performed(old, context)}:={performed(new, context)}"]
-        return told
+            words += ["-r", f"{performed(old, context)}:={performed(new, context)}"]
+        return words
 
 
 def _parameter(value, context):
-    """The value of one parameter: texts of substitutions are YAML where no type is stated, as in launch_ros."""
+    """The value of one parameter: without a type the text of a substitution is YAML, as in launch_ros."""
     if isinstance(value, ParameterValue):
         return value.evaluated(context)
     return yaml.safe_load(performed(value, context)) if isinstance(value, _Substitution) else value
@@ -104,6 +106,7 @@ SUBSTITUTIONS = {
 }
 MODULES = {
     "launch": {"LaunchDescription": lambda entities: SimpleNamespace(entities=entities)},
+    "launch.substitution": {"Substitution": _Substitution},
     "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument},
     "launch.substitutions": SUBSTITUTIONS,
     "launch_ros": {},
@@ -113,9 +116,14 @@ MODULES = {
 }
 
 
+IMPORTERS = ("robot_dynamics.nodes.launching",)  # modules that import the classes above
+
+
 def description(path):
     """The entities of the launch file at a Path: DeclareLaunchArguments and Nodes."""
-    before = {name: sys.modules.get(name) for name in MODULES}
+    before = {name: sys.modules.get(name) for name in (*MODULES, *IMPORTERS)}
+    for name in IMPORTERS:
+        sys.modules.pop(name, None)
     try:
         for name, members in MODULES.items():
             sys.modules[name] = ModuleType(name)
@@ -127,13 +135,13 @@ def description(path):
     finally:
         for name, module in before.items():
             if module is None:
-                del sys.modules[name]
+                sys.modules.pop(name, None)
             else:
                 sys.modules[name] = module
 
 
 def started(file, arguments, folder):
-    """[(executable, what follows --ros-args)] of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
+    """[(executable, arguments after --ros-args)] of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
     entities = description(ROOT / "launch" / file)
     declared = {item.name: item for item in entities if isinstance(item, DeclareLaunchArgument)}
     context = typed_arguments(arguments)

@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.nodes.processes import make_events_executor
+from robot_dynamics.nodes.runner import make_events_executor
 
 STEP = 1_000_000  # [ns] between two states
 SUBSTEPS = 4  # of MuJoCo in one step

@@ -1,45 +1,56 @@
-"""The motion of a moving base out of nav_msgs/Odometry, as the models of a robot take it."""
+"""The motion of a moving base out of nav_msgs/Odometry, in the form that the models of a robot use."""
 
+from nav_msgs.msg import Odometry
+
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.geometry import read_pose, read_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
 
 
 class BaseOdometryReader:
-    """Writes twist (6,) of the base and gravity (3,), both in its frame, into arrays; knows how old they are.
+    """Copies the twist of the base (6,) and gravity (3,), both in the base frame, into arrays, and tracks their age.
 
-    robot: whose base moves; where it does not, nothing is needed and nothing is stale.
+    For a robot with a fixed base no message is needed.
     """
 
-    def __init__(self, robot, namespace, twist, gravity):
-        self._robot, self._namespace = robot, namespace
-        self._twist, self._gravity = twist, gravity
-        self._heard, self._refusal = None, "no odom yet, and the base of the robot moves"
+    def __init__(self, robot: Robot, namespace: str, twist: Array, gravity: Array) -> None:
+        self._robot = robot
+        self._namespace = namespace
+        self._twist = twist
+        self._gravity = gravity
+        self._published: float | None = None  # [s] when the last accepted message was published
+        self._rejection_reason = "no odom yet, and the base of the robot moves"
 
-    def read(self, message, published):
-        """Take over a message that was published at a time [s]."""
+    def read(self, message: Odometry, published: float) -> None:
+        """Copy a message that was published at a time [s]; `require_current` raises the reason of a refusal."""
         try:
-            self._take(message)
-            self._heard, self._refusal = published, ""
+            self._copy(message)
         except InvalidInputError as error:
-            self._refusal = f"odom refused: {error}"
+            self._rejection_reason = f"odom refused: {error}"
+        else:
+            self._published = published
+            self._rejection_reason = ""
 
-    def continue_from(self, before):
-        """What another reader knew of the base holds for this one."""
-        self._heard, self._refusal = before._heard, before._refusal
+    def continue_from(self, predecessor: "BaseOdometryReader") -> None:
+        """Take over the age of the motion from another reader of the same arrays."""
+        self._published = predecessor._published
+        self._rejection_reason = predecessor._rejection_reason
 
-    def require_current(self, now, timeout):
-        """Raise QuestionError where the motion of the base is not known at a time [s], but for timeout [s]."""
+    def require_current(self, now: float, timeout: float) -> None:
+        """Raise InvalidInputError if the base moves and its motion is older than `timeout` [s] at a time [s]."""
         if not self._robot.moving_base:
             return
-        if self._refusal:
-            raise InvalidInputError(self._refusal)
-        if not abs(now - self._heard) <= timeout:
+        if self._rejection_reason:
+            raise InvalidInputError(self._rejection_reason)
+        if self._published is None or not abs(now - self._published) <= timeout:
             raise InvalidInputError(f"no odom for more than {timeout * 1e3:g} ms")
 
-    def _take(self, message):
+    def _copy(self, message: Odometry) -> None:
         if message.child_frame_id:
             resolve_name("base link", message.child_frame_id, [self._robot.base_link], self._namespace)
-        pose, twist = read_pose(message.pose.pose, "pose"), read_twist(message.twist.twist, "twist")
+        pose = read_pose(message.pose.pose, "pose")
+        twist = read_twist(message.twist.twist, "twist")
         self._twist[:] = twist
         self._gravity[:] = pose[:3, :3].T @ self._robot.gravity

@@ -1,106 +1,147 @@
-"""The state of a robot out of sensor_msgs/JointState, by name: what streams, without a search in each message."""
+"""The state of a robot out of streamed sensor_msgs/JointState, matched by name without a search in each message."""
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
+from sensor_msgs.msg import JointState
 
+from robot_dynamics.array_types import Array, IntArray
+from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
 
-MOST_MATCHES = 16  # lists of names that are remembered
+MAX_MAPPINGS = 16  # lists of names whose mapping is kept
 
 
 @dataclass(frozen=True, eq=False)
 class JointMapping:
-    """Where the joints of a robot stand in messages with the same names.
+    """Where the joints of a robot are in messages with the same list of names.
 
-    ours: whether these tell of the needed joints; refusal: why they are refused, if they are. to, source: the numbers
-    of the independent joints, and their places in the message; placed, placed_source: of those that loops place.
+    Attributes
+    ----------
+    has_required_joints : whether these messages contain required joints.
+    rejection_reason : why such messages are refused; empty if they are not.
+    joint_indices, message_indices : of independent joints, in the robot and in the message.
+    dependent_indices, dependent_message_indices : of joints that loops place, in the robot and in the message.
     """
 
     has_required_joints: bool
     rejection_reason: str
-    joint_indices: np.ndarray
-    message_indices: np.ndarray
-    dependent_indices: np.ndarray
-    dependent_message_indices: np.ndarray
+    joint_indices: IntArray
+    message_indices: IntArray
+    dependent_indices: IntArray
+    dependent_message_indices: IntArray
 
 
 class JointStateReader:
-    """Writes what messages tell into q and qd (n,) of the independent joints, and into `looped` of those of loops.
+    """Copies joint states from messages into arrays.
 
-    needed: names of the joints that a message must have all of, if it has one: a message with none of them is that of
-    someone else on the same topic, a gripper's say, and what it tells of the robot's other joints is taken. Names that
-    the robot does not have are those of other robots. Where each joint stands in the message is found once, and again
-    when the names change.
+    A message must have all required joints or none: one with none comes from another publisher on the same topic, for
+    example of a gripper, and its values of other joints of the robot are used. Names that the robot does not have are
+    those of other robots. The mapping of names is computed once, and again when the names change.
+
+    Parameters
+    ----------
+    required : names of the required joints.
+    namespace : of the node, which may precede names.
+    q, qd : (n,) positions and velocities of the independent joints, written in place.
+    dependent_positions : positions of the joints that loops place, written in place.
     """
 
-    def __init__(self, dynamics, required, namespace, q, qd, dependent_positions):
-        self._dynamics, self._needed, self._namespace = dynamics, tuple(required), namespace
-        self._q, self._qd, self._looped = q, qd, dependent_positions
-        self._names, self._match, self._matches = None, None, {}
-        self._heard = set()
+    def __init__(
+        self,
+        dynamics: Dynamics,
+        required: Sequence[str],
+        namespace: str,
+        q: Array,
+        qd: Array,
+        dependent_positions: Array,
+    ) -> None:
+        self._dynamics = dynamics
+        self._required = tuple(required)
+        self._namespace = namespace
+        self._q = q
+        self._qd = qd
+        self._dependent_positions = dependent_positions
+        self._names: list[str] = []
+        self._mapping = self._new_mapping(())
+        self._mappings: dict[tuple[str, ...], JointMapping] = {}
+        self._reported: set[str] = set()
 
     @property
-    def unreported_joint_names(self):
-        """Names of the independent joints of which no message told, so far."""
-        return [name for name in self._dynamics.joint_names if name not in self._heard]
+    def unreported_joint_names(self) -> list[str]:
+        """Names of the independent joints that no message has contained so far."""
+        return [name for name in self._dynamics.joint_names if name not in self._reported]
 
-    def read(self, message, velocities_required):
-        """Take over a message. Returns whether it tells of the needed joints; raises QuestionError where it should.
+    def read(self, message: JointState, velocities_required: bool) -> bool:
+        """Copy the state of a message, and return whether it contains the required joints.
 
-        rates_needed: whether it is refused without velocities; where it has none and none are needed they are zero.
+        velocities_required: whether a message without velocities is refused; else they are zero. Raises
+        InvalidInputError.
         """
         if message.name != self._names:
             self._names = list(message.name)
-            self._match = self._matched(tuple(self._names))
-        match, size = self._match, len(self._names)
-        if match.rejection_reason:
-            raise InvalidInputError(match.rejection_reason)
-        if not match.has_required_joints and not len(match.joint_indices) and not len(match.dependent_indices):
+            self._mapping = self._find_mapping(tuple(self._names))
+        mapping = self._mapping
+        size = len(self._names)
+        if mapping.rejection_reason:
+            raise InvalidInputError(mapping.rejection_reason)
+        if not mapping.has_required_joints and not len(mapping.joint_indices) and not len(mapping.dependent_indices):
             return False  # of another robot
         if len(message.position) != size:
             raise InvalidInputError(f"joint_states has {len(message.position)} positions for {size} names")
-        position, rates = np.frombuffer(message.position), len(message.velocity)
-        if rates != size and (rates or (velocities_required and match.has_required_joints)):
-            raise InvalidInputError(f"joint_states has {rates} velocities for {size} names")
-        self._q[match.joint_indices] = position[match.message_indices]
-        self._qd[match.joint_indices] = np.frombuffer(message.velocity)[match.message_indices] if rates else 0.0
-        if len(match.dependent_indices):
-            self._looped[match.dependent_indices] = position[match.dependent_message_indices]
-        return match.has_required_joints
+        positions = np.frombuffer(message.position)
+        velocity_count = len(message.velocity)
+        if velocity_count != size and (velocity_count or (velocities_required and mapping.has_required_joints)):
+            raise InvalidInputError(f"joint_states has {velocity_count} velocities for {size} names")
+        self._q[mapping.joint_indices] = positions[mapping.message_indices]
+        if velocity_count:
+            self._qd[mapping.joint_indices] = np.frombuffer(message.velocity)[mapping.message_indices]
+        else:
+            self._qd[mapping.joint_indices] = 0.0
+        if len(mapping.dependent_indices):
+            self._dependent_positions[mapping.dependent_indices] = positions[mapping.dependent_message_indices]
+        return mapping.has_required_joints
 
-    def _matched(self, names):
-        """The Match of messages with these names; the last few are kept, as more than one may publish."""
-        match = self._matches.get(names)
-        if match is None:
-            if len(self._matches) >= MOST_MATCHES:
-                self._matches.clear()
-            match = self._matches[names] = self._new_match(names)
-        self._heard.update(self._dynamics.joint_names[k] for k in match.joint_indices)
-        return match
+    def _find_mapping(self, names: tuple[str, ...]) -> JointMapping:
+        """Return the mapping of messages with these names; the last few are kept, for topics with many publishers."""
+        mapping = self._mappings.get(names)
+        if mapping is None:
+            if len(self._mappings) >= MAX_MAPPINGS:
+                self._mappings.clear()
+            mapping = self._mappings[names] = self._new_mapping(names)
+        self._reported.update(self._dynamics.joint_names[k] for k in mapping.joint_indices)
+        return mapping
 
-    def _new_match(self, names):
-        known, found = self._dynamics.robot.joint_numbers, {}
-        for place, name in enumerate(names):
+    def _new_mapping(self, names: tuple[str, ...]) -> JointMapping:
+        known = self._dynamics.robot.joint_numbers
+        message_indices = {}
+        for index, name in enumerate(names):
             with suppress(InvalidInputError):  # a joint of another robot
-                found[resolve_name("joint", name, known, self._namespace)] = place
-        repeated = [name for name, times in Counter(names).items() if times > 1]
-        missing = [name for name in self._needed if name not in found]
-        has_required_joints, rejection_reason = len(missing) < len(self._needed), ""
+                message_indices[resolve_name("joint", name, known, self._namespace)] = index
+        repeated = [name for name, count in Counter(names).items() if count > 1]
+        missing = [name for name in self._required if name not in message_indices]
+        has_required_joints = len(missing) < len(self._required)
+        rejection_reason = ""
         if repeated:
             rejection_reason = f"joint_states names {', '.join(map(repr, repeated))} more than once"
         elif missing and has_required_joints:
             rejection_reason = (
                 f"joint_states has no {', '.join(map(repr, missing))}: all controlled joints must be in one message"
             )
-        return JointMapping(has_required_joints, rejection_reason, *_places(self._dynamics.joint_names, found),
-                     *_places(self._dynamics.dependent_joint_names, found))  # fmt: skip
+        return JointMapping(
+            has_required_joints,
+            rejection_reason,
+            *_index_pairs(self._dynamics.joint_names, message_indices),
+            *_index_pairs(self._dynamics.dependent_joint_names, message_indices),
+        )
 
 
-def _places(names, found):
-    """(numbers in `names` of those that were found, where each was found)."""
-    pairs = [(number, found[name]) for number, name in enumerate(names) if name in found]
-    return np.array(pairs, dtype=int).reshape(-1, 2).T
+def _index_pairs(names: Sequence[str], message_indices: Mapping[str, int]) -> tuple[IntArray, IntArray]:
+    """Return indices in `names` and in the message of those names that the message has."""
+    pairs = [(index, message_indices[name]) for index, name in enumerate(names) if name in message_indices]
+    joint_indices, indices_in_message = np.array(pairs, dtype=int).reshape(-1, 2).T
+    return joint_indices, indices_in_message

@@ -1,121 +1,80 @@
-"""Points of joint trajectories in messages and as arrays. What the fields mean stands in the .srv files."""
+"""Points of joint trajectories as messages and as arrays. The .srv files define the fields."""
 
 from array import array
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.nodes.codecs.joint_order import JointOrder
 
-# how far a joint that depends on others may be from where they put it [rad or m, and per second]
-AGREEMENT = 1e-6
+# accepted difference of a dependent joint from the value that the other joints determine [rad or m, and per second]
+DEPENDENT_JOINT_TOLERANCE = 1e-6
+LOCATION = "points[{}]"  # of a point in a message, for errors
+
+Points = Sequence[JointTrajectoryPoint]
 
 
-def read_positions(points, order, place="points[{}]"):
-    """Positions of trajectory points: (N, n) of the independent joints, or, of a robot with loops, (N, all joints).
+def read_positions(points: Points, order: JointOrder, location: str = LOCATION) -> Array:
+    """Return positions: (N, n) of the independent joints, or (N, all joints) of a robot with loops.
 
-    order: JointOrder. Where the message names mimic joints, their values must agree. Joints that loops place are
-    searched for near the values that the message has for them; they come out where they are. place: where in the
-    message the points are, for errors.
+    Values of mimic joints must agree with those of the joints that they follow. Values of joints that loops place are
+    starting values of the closure solver. Raises InvalidInputError.
     """
-    dynamics, everyone = order.dynamics, _field(points, "positions", order, place)
-    independent = everyone[:, _numbers(dynamics.joint_names, order)]
-    expected = dynamics.expand_positions(everyone if dynamics.robot.loops else independent)
-    looped = _numbers(dynamics.dependent_joint_names, order)
-    everyone[:, looped] = expected[:, looped]
-    _require_agreement(everyone, expected, "positions", order, place)
+    dynamics = order.dynamics
+    values = _read_field(points, "positions", order, location)
+    independent = values[:, _numbers(dynamics.joint_names, order)]
+    expected = dynamics.expand_positions(values if dynamics.robot.loops else independent)
+    dependent = _numbers(dynamics.dependent_joint_names, order)
+    values[:, dependent] = expected[:, dependent]
+    _require_agreement(values, expected, "positions", order, location)
     return expected if dynamics.robot.loops else independent
 
 
-def read_velocities(points, order, q, place="points[{}]"):
-    """Velocities (N, n) of the independent joints at positions q; those of others must agree, where they are told."""
-    return _read_rates(points, "velocities", order, place, lambda rates: order.dynamics.expand_velocities(rates, q))
+def read_velocities(points: Points, order: JointOrder, q: Array, location: str = LOCATION) -> Array:
+    """Return velocities (N, n) of the independent joints at positions q; those of dependent joints must agree."""
+
+    def expand(velocities: Array) -> Array:
+        return order.dynamics.expand_velocities(velocities, q)
+
+    return _read_rates(points, "velocities", order, location, expand)
 
 
-def read_accelerations(points, order, q, qd, place="points[{}]"):
-    """Accelerations (N, n) of the independent joints, as `read_velocities`."""
-    return _read_rates(
-        points, "accelerations", order, place, lambda rates: order.dynamics.expand_accelerations(rates, q, qd)
-    )
+def read_accelerations(points: Points, order: JointOrder, q: Array, qd: Array, location: str = LOCATION) -> Array:
+    """Return accelerations (N, n) of the independent joints; those of dependent joints must agree."""
+
+    def expand(accelerations: Array) -> Array:
+        return order.dynamics.expand_accelerations(accelerations, q, qd)
+
+    return _read_rates(points, "accelerations", order, location, expand)
 
 
-def _read_rates(points, field, order, place, expand):
-    everyone = _field(points, field, order, place)
-    independent = everyone[:, _numbers(order.dynamics.joint_names, order)]
-    _require_agreement(everyone, expand(independent), field, order, place)
-    return independent
-
-
-def _numbers(names, order):
-    return [order.dynamics.robot.joint_numbers[name] for name in names]
-
-
-def _require_agreement(everyone, expected, field, order, place):
-    """Refuse values (N, all joints) that are not as others have it; what the message left out is nan, or not asked."""
-    values, expected = everyone[:, order.numbers], expected[:, order.numbers]
-    disagree = np.abs(values - expected) > AGREEMENT * np.maximum(1, np.abs(values))
-    if disagree.any():
-        point, joint = np.argwhere(disagree)[0]
+def read_efforts(points: Points, order: JointOrder, q: Array) -> Array:
+    """Return efforts (N, n) on the independent joints; efforts on mimic joints are projected onto them."""
+    dynamics = order.dynamics
+    values = _read_field(points, "effort", order)
+    dependent = _numbers(dynamics.dependent_joint_names, order)
+    nonzero = np.argwhere(np.nan_to_num(values[:, dependent]))
+    if len(nonzero):
+        point, index = nonzero[0]
+        name = dynamics.dependent_joint_names[index]
         raise InvalidInputError(
-            f"{place.format(point)}.{field}: joint {order.requested_names[joint]!r} depends on others, which put it at "
-            f"{expected[point, joint]:.9g}, not at {values[point, joint]:.9g}. Leave it out, or let it agree"
+            f"points[{point}].effort: joint {name!r} has {values[point, dependent[index]]:g}, but no motor drives it: "
+            "leave it out, or give 0 or nan"
         )
+    values[:, dependent] = 0
+    return dynamics.project_efforts(values, q)
 
 
-def read_efforts(points, order, q):
-    """Efforts (N, n) on the independent joints; what is given on mimic joints is counted there."""
-    dynamics, everyone = order.dynamics, _field(points, "effort", order)
-    looped = _numbers(dynamics.dependent_joint_names, order)
-    pushed = np.argwhere(np.nan_to_num(everyone[:, looped]))
-    if len(pushed):
-        point, place = pushed[0]
-        name, value = dynamics.dependent_joint_names[place], everyone[point, looped[place]]
-        raise InvalidInputError(
-            f"points[{point}].effort: joint {name!r} has {value:g}, but no motor drives it: leave it "
-            "out, or give 0 or nan"
-        )
-    everyone[:, looped] = 0
-    return dynamics.project_efforts(everyone, q)
-
-
-def _field(points, field, order, place="points[{}]"):
-    """Values (N, all joints) of a field, zero where the message has no value of a joint; of joints that loops place,
-    nan says so too."""
-    size = len(order.requested_names)
-    columns = [getattr(point, field) for point in points]
-    for number, column in enumerate(columns):
-        if len(column) != size:
-            raise InvalidInputError(
-                f"{place.format(number)}.{field} has {len(column)} values: {size} are needed, one for each joint"
-            )
-    values = np.array(columns, dtype=float).reshape(len(points), size)
-    looped = _numbers(order.dynamics.dependent_joint_names, order)
-    if field in ("accelerations", "effort"):  # of joints without motor nan says what is true: it cannot be given
-        values[np.isnan(values) & _without_motor(order) & ~np.isin(order.numbers, looped)] = 0
-    wrong = ~(np.isfinite(values) | (np.isnan(values) & np.isin(order.numbers, looped)))
-    if wrong.any():
-        point, joint = np.argwhere(wrong)[0]
-        found = f"{place.format(point)}.{field}[{joint}] is {values[point, joint]}"
-        raise InvalidInputError(f"{found}: a finite number is needed")
-    everyone = np.zeros((len(points), len(order.dynamics.all_joint_names)))
-    everyone[:, looped] = np.nan
-    everyone[:, order.numbers] = values
-    return everyone
-
-
-def _without_motor(order):
-    """For each joint that is asked about, whether no motor drives it, nor the one that it depends on."""
-    robot = order.dynamics.robot
-    return np.array(
-        [not robot.joints[robot.mimic_relations[number][0]].actuated for number in order.numbers], dtype=bool
-    )
-
-
-def write_trajectory(request, order, q, qd, qdd, efforts):
-    """The JointTrajectory of a question, completed. q, qd, qdd, efforts: (N, all joints), in the robot's order."""
-    answer = JointTrajectory(header=request.header, joint_names=order.response_names)
+def write_trajectory(
+    request: JointTrajectory, order: JointOrder, q: Array, qd: Array, qdd: Array, efforts: Array
+) -> JointTrajectory:
+    """Return the trajectory of a request, completed. q, qd, qdd, efforts: (N, all joints), in the robot's order."""
+    message = JointTrajectory(header=request.header, joint_names=order.response_names)
     columns = [np.ascontiguousarray(values[:, order.response_order]) for values in (q, qd, qdd, efforts)]
-    answer.points = [
+    message.points = [
         JointTrajectoryPoint(
             positions=array("d", positions.tobytes()),
             velocities=array("d", velocities.tobytes()),
@@ -125,4 +84,66 @@ def write_trajectory(request, order, q, qd, qdd, efforts):
         )
         for point, positions, velocities, accelerations, effort in zip(request.points, *columns, strict=True)
     ]
-    return answer
+    return message
+
+
+def _read_rates(
+    points: Points, field: str, order: JointOrder, location: str, expand: Callable[[Array], Array]
+) -> Array:
+    """Return (N, n) of velocities or accelerations; `expand` computes those of all joints, which must agree."""
+    values = _read_field(points, field, order, location)
+    independent = values[:, _numbers(order.dynamics.joint_names, order)]
+    _require_agreement(values, expand(independent), field, order, location)
+    return independent
+
+
+def _numbers(names: Sequence[str], order: JointOrder) -> list[int]:
+    return [order.dynamics.robot.joint_numbers[name] for name in names]
+
+
+def _require_agreement(values: Array, expected: Array, field: str, order: JointOrder, location: str) -> None:
+    """Refuse values (N, all joints) of joints in the message that differ from the expected ones; nan is accepted."""
+    requested = values[:, order.numbers]
+    expected = expected[:, order.numbers]
+    disagree = np.abs(requested - expected) > DEPENDENT_JOINT_TOLERANCE * np.maximum(1, np.abs(requested))
+    if disagree.any():
+        point, joint = np.argwhere(disagree)[0]
+        raise InvalidInputError(
+            f"{location.format(point)}.{field}: joint {order.requested_names[joint]!r} depends on others, which put it "
+            f"at {expected[point, joint]:.9g}, not at {requested[point, joint]:.9g}. Leave it out, or give that value"
+        )
+
+
+def _read_field(points: Points, field: str, order: JointOrder, location: str = LOCATION) -> Array:
+    """Return values (N, all joints) of a field; joints that are not in the message have zero, or nan if loops place
+    them, for which nan is also accepted in the message."""
+    size = len(order.requested_names)
+    columns = [getattr(point, field) for point in points]
+    for number, column in enumerate(columns):
+        if len(column) != size:
+            raise InvalidInputError(
+                f"{location.format(number)}.{field} has {len(column)} values: {size} are needed, one for each joint"
+            )
+    requested = np.array(columns, dtype=float).reshape(len(points), size)
+    dependent = _numbers(order.dynamics.dependent_joint_names, order)
+    is_dependent = np.isin(order.numbers, dependent)
+    if field in ("accelerations", "effort"):  # nan of unactuated joints means that there is no value to give
+        requested[np.isnan(requested) & _is_unactuated(order) & ~is_dependent] = 0
+    invalid = ~(np.isfinite(requested) | (np.isnan(requested) & is_dependent))
+    if invalid.any():
+        point, joint = np.argwhere(invalid)[0]
+        raise InvalidInputError(
+            f"{location.format(point)}.{field}[{joint}] is {requested[point, joint]}: a finite number is needed"
+        )
+    values = np.zeros((len(points), len(order.dynamics.all_joint_names)))
+    values[:, dependent] = np.nan
+    values[:, order.numbers] = requested
+    return values
+
+
+def _is_unactuated(order: JointOrder) -> BoolArray:
+    """Return for each joint of the request whether neither it nor the joint that it depends on has a motor."""
+    robot = order.dynamics.robot
+    return np.array(
+        [not robot.joints[robot.mimic_relations[number][0]].actuated for number in order.numbers], dtype=bool
+    )

@@ -1,65 +1,152 @@
-"""The platforms of a parallel robot in messages: their state stands in the field base, as that of a moving base."""
+"""The platforms of a parallel robot in messages: the field `base` has their motion, as that of a moving base."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
-from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
+from robot_dynamics.array_types import Array
+from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.placement import to_scipy_rotation
-from robot_dynamics.nodes.codecs.geometry import read_link_motions, require_empty, write_transform, write_twist
+from robot_dynamics.model.robot import Robot
+from robot_dynamics.nodes.codecs.base import read_link_motions
+from robot_dynamics.nodes.codecs.fields import require_empty
+from robot_dynamics.nodes.codecs.geometry import write_transform, write_twist
+from robot_dynamics.nodes.codecs.joint_order import JointOrder
+from robot_dynamics.results import JointMotion
+from robot_dynamics_interfaces.srv import DirectDynamics, InverseDynamics, StaticEquilibrium
+
+Request: TypeAlias = InverseDynamics.Request | DirectDynamics.Request | StaticEquilibrium.Request
+
+OfPlatforms: TypeAlias = Array | dict[str, Array]
+"""An array of the only platform, or {link: array} of many."""
 
 
-def has_platform_motion(request, robot):
-    """Whether a request tells how the platforms of a robot on the ground move, in the place of its joints."""
+@dataclass(frozen=True, eq=False)
+class PlatformMotion:
+    """Arguments of PlatformDynamics that a request gives.
+
+    Attributes
+    ----------
+    pose : (N, 4, 4) of each platform.
+    twist, acceleration : (N, 6) of each platform; acceleration None if it is computed.
+    seed : (N, all joints), nan for joints without a value; None if the request has no positions.
+    other_joints : positions, velocities and accelerations (N, k) of the joints that no platform determines, or None.
+    """
+
+    pose: OfPlatforms
+    twist: OfPlatforms
+    acceleration: OfPlatforms | None
+    seed: Array | None
+    other_joints: tuple[Array | None, Array | None, Array | None]
+
+
+def has_platform_motion(request: Request, robot: Robot) -> bool:
+    """Return whether a request gives the motion of the platforms of a robot on the ground, in place of its joints."""
     return bool(robot.platforms) and not robot.moving_base and len(request.base.points) > 0
 
 
-def read_platform_motion(request, order, times, namespace, has_accelerations, at_rest=False):
-    """What PlatformDynamics.solve takes beside efforts and wrenches, as a mapping.
+def read_platform_motion(
+    request: Request,
+    order: JointOrder,
+    times: Sequence[int],
+    namespace: str,
+    has_accelerations: bool,
+    at_rest: bool = False,
+) -> PlatformMotion:
+    """Return the motion of the platforms at points at `times` [ns].
 
-    order: JointOrder; times: of the points [ns]; accelerated: whether accelerations of the platforms are told, and not
-    asked for; at_rest: whether velocities may be left out. Positions of joints may be given: they are where the
-    search for closed loops begins. Joints that no platform places have positions, velocities and accelerations of
-    their own.
+    has_accelerations: whether accelerations of the platforms are inputs, and not computed. at_rest: velocities may be
+    left out. Positions of joints are starting values of the closure solver. Joints that no platform determines have
+    positions, velocities and accelerations of their own. Raises InvalidInputError.
     """
-    points, robot, platform = request.trajectory.points, order.dynamics.robot, order.dynamics.platform
-    told = read_link_motions(
-        request.base, times, platform.link_names, namespace, f"the platform of {robot.name!r}", at_rest
-    )
-    acceleration = {link: base.acceleration for link, base in told.items() if base.acceleration is not None}
-    if has_accelerations and not acceleration:
+    points = request.trajectory.points
+    robot = order.dynamics.robot
+    platform = order.dynamics.platform
+    description = f"the platform of {robot.name!r}"
+    motions = read_link_motions(request.base, times, platform.link_names, namespace, description, at_rest)
+    accelerations = {link: base.acceleration for link, base in motions.items() if base.acceleration is not None}
+    if has_accelerations and not accelerations:
         raise InvalidInputError(
             "base.points[0].accelerations has 0 entries: the acceleration of the platform is needed"
         )
-    if not has_accelerations and acceleration:
-        raise InvalidInputError("base.points[0].accelerations has values: it is what is asked for, leave it empty")
+    if not has_accelerations and accelerations:
+        raise InvalidInputError("base.points[0].accelerations has values: they are computed, leave it empty")
     other_joints = [robot.joint_numbers[name] for name in platform.other_joint_names]
-    seed = _told(points, "positions", order)
+    seed = _read_field(points, "positions", order)
     if seed is not None and np.isnan(seed).all():
         seed = None
-    rates = [_told_of_others(points, field, order, other_joints) for field in ("velocities", "accelerations")]
-    motion = {
-        "pose": {link: base.pose for link, base in told.items()},
-        "twist": {link: base.twist for link, base in told.items()},
-        "acceleration": acceleration,
-    }
-    if len(platform.link_names) == 1:
-        motion = {key: value.get(platform.link_names[0]) for key, value in motion.items()}
-    return {**motion, "acceleration": motion["acceleration"] if has_accelerations else None, "seed": seed,
-            "other_joints": [None, *rates]}  # fmt: skip
+    poses = {link: base.pose for link, base in motions.items()}
+    twists = {link: base.twist for link, base in motions.items()}
+    return PlatformMotion(
+        pose=_of_platforms(poses, platform.link_names),
+        twist=_of_platforms(twists, platform.link_names),
+        acceleration=_of_platforms(accelerations, platform.link_names) if has_accelerations else None,
+        seed=seed,
+        other_joints=(
+            None,
+            _read_other_joints(points, "velocities", order, other_joints),
+            _read_other_joints(points, "accelerations", order, other_joints),
+        ),
+    )
 
 
-def read_platform_at_rest(request, order, times, namespace):
-    """What PlatformDynamics.equilibrium takes beside wrenches, as a mapping: see read_platform_motion."""
-    told = read_platform_motion(request, order, times, namespace, has_accelerations=False, at_rest=True)
-    twists = told["twist"].values() if isinstance(told["twist"], dict) else [told["twist"]]
+def read_platform_at_rest(request: Request, order: JointOrder, times: Sequence[int], namespace: str) -> PlatformMotion:
+    """Return the poses of platforms at rest, as `read_platform_motion`; velocities that are not zero are refused."""
+    motion = read_platform_motion(request, order, times, namespace, has_accelerations=False, at_rest=True)
+    twists = motion.twist.values() if isinstance(motion.twist, dict) else [motion.twist]
     if np.any([twist.any() for twist in twists]):
         raise InvalidInputError("base has velocities that are not zero: the platform is at rest here, leave them empty")
-    return {name: told[name] for name in ("pose", "seed", "other_joints")}
+    return motion
 
 
-def _told(points, field, order):
-    """(N, all joints) of a field, nan for joints of which it says nothing; None where it is empty in all points."""
-    columns, size = [getattr(point, field) for point in points], len(order.requested_names)
+def write_platforms(
+    points: Sequence[JointTrajectoryPoint], motion: JointMotion, dynamics: Dynamics
+) -> MultiDOFJointTrajectory:
+    """Return the trajectory of the platforms: pose, twist and acceleration of each at each point.
+
+    motion: of all joints, (N, all joints).
+    """
+    platform = dynamics.platform
+    links = platform.link_names
+    poses = _stack_platforms(platform.pose(motion.positions), links)
+    twists = _stack_platforms(platform.twist(motion), links)
+    accelerations = _stack_platforms(platform.acceleration(motion), links)
+    message = MultiDOFJointTrajectory(joint_names=list(links))
+    for k, point in enumerate(points):
+        quaternions = to_scipy_rotation(poses[k, :, :3, :3]).as_quat()
+        message.points.append(
+            MultiDOFJointTrajectoryPoint(
+                transforms=[
+                    write_transform(pose[:3, 3], quaternion)
+                    for pose, quaternion in zip(poses[k], quaternions, strict=True)
+                ],
+                velocities=[write_twist(twist) for twist in twists[k]],
+                accelerations=[write_twist(acceleration) for acceleration in accelerations[k]],
+                time_from_start=point.time_from_start,
+            )
+        )
+    return message
+
+
+def _of_platforms(values: dict[str, Array], links: Sequence[str]) -> OfPlatforms:
+    return values[links[0]] if len(links) == 1 else values
+
+
+def _stack_platforms(values: OfPlatforms, links: Sequence[str]) -> Array:
+    """Return (N, platforms, ...) of values of each platform."""
+    if isinstance(values, dict):
+        return np.stack([values[link] for link in links], axis=1)
+    return values[:, None]
+
+
+def _read_field(points: Sequence[JointTrajectoryPoint], field: str, order: JointOrder) -> Array | None:
+    """Return (N, all joints) of a field, nan for joints that it leaves out; None if it is empty in all points."""
+    columns = [getattr(point, field) for point in points]
+    size = len(order.requested_names)
     if not any(len(column) for column in columns):
         return None
     for number, column in enumerate(columns):
@@ -67,49 +154,27 @@ def _told(points, field, order):
             raise InvalidInputError(
                 f"points[{number}].{field} has {len(column)} values: {size} are needed, one for each joint, or none"
             )
-    everyone = np.full((len(points), len(order.dynamics.all_joint_names)), np.nan)
-    everyone[:, order.numbers] = columns
-    return everyone
+    values = np.full((len(points), len(order.dynamics.all_joint_names)), np.nan)
+    values[:, order.numbers] = columns
+    return values
 
 
-def _told_of_others(points, field, order, other_joints):
-    """(N, k) of a field for joints `others` (numbers), which no platform places; None where it is empty."""
+def _read_other_joints(
+    points: Sequence[JointTrajectoryPoint], field: str, order: JointOrder, other_joints: Sequence[int]
+) -> Array | None:
+    """Return (N, k) of a field for the joints (numbers) that no platform determines; None if it is empty."""
     if not other_joints:
         for number, point in enumerate(points):
-            require_empty(point, field, f"points[{number}]", "base tells how the platform moves, and so all joints")
-    everyone = _told(points, field, order)
-    if everyone is None:
+            reason = "base has the motion of the platform, which determines all joints"
+            require_empty(point, field, f"points[{number}]", reason)
+    values = _read_field(points, field, order)
+    if values is None:
         return None
-    for place, number in enumerate(order.numbers):
-        wrong = ~np.isnan(everyone[:, number])
-        if number not in other_joints and wrong.any():
+    for index, number in enumerate(order.numbers):
+        has_value = ~np.isnan(values[:, number])
+        if number not in other_joints and has_value.any():
             raise InvalidInputError(
-                f"points[{np.argmax(wrong)}].{field}[{place}] has a value: base tells how the platform moves, and so "
-                f"joint {order.requested_names[place]!r}. Give nan there"
+                f"points[{np.argmax(has_value)}].{field}[{index}] has a value: base has the motion of the platform, "
+                f"which determines joint {order.requested_names[index]!r}. Give nan there"
             )
-    return everyone[:, other_joints]
-
-
-def write_platforms(points, motion, dynamics):
-    """The MultiDOFJointTrajectory of the platforms: pose, twist and acceleration of each at each point of a trajectory.
-
-    motion: JointMotion (N, all joints).
-    """
-    platform = dynamics.platform
-    told = [platform.pose(motion.positions), platform.twist(motion), platform.acceleration(motion)]
-    if len(platform.link_names) > 1:
-        told = [np.stack([values[link] for link in platform.link_names], axis=1) for values in told]
-    else:
-        told = [values[:, None] for values in told]
-    answer = MultiDOFJointTrajectory(joint_names=list(platform.link_names))
-    for point, poses, twists, accelerations in zip(points, *told, strict=True):
-        rotations = to_scipy_rotation(poses[:, :3, :3]).as_quat()
-        answer.points.append(
-            MultiDOFJointTrajectoryPoint(
-                transforms=[write_transform(pose[:3, 3], turn) for pose, turn in zip(poses, rotations, strict=True)],
-                velocities=[write_twist(twist) for twist in twists],
-                accelerations=[write_twist(acceleration) for acceleration in accelerations],
-                time_from_start=point.time_from_start,
-            )
-        )
-    return answer
+    return values[:, other_joints]

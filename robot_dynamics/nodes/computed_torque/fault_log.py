@@ -1,52 +1,68 @@
-"""Faults of a controller for who looks at a terminal: each at once, but many in a second in one line."""
+"""Faults of a controller as lines of a log: the first at once, many within a second in one line."""
 
+from collections.abc import Callable
 from time import monotonic
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from robot_dynamics.nodes.diagnostics import mask_numbers
 
-PERIOD = 1.0  # [s] between two lines, at least
+PERIOD = 1.0  # [s] shortest time between two lines
 
 
 class FaultLog:
-    """Logs where efforts go to zero, and where they come back.
+    """Logs when efforts go to zero, and when they are sent again.
 
-    `update` is to be called again and again: what changes within PERIOD of the last line is logged together when that
-    time is over. logger: of a node. now: gives the time [s] of the machine.
+    `update` is called periodically: changes within PERIOD of the last line are logged together when that time is over.
+    now: returns the time [s] of the machine.
     """
 
-    def __init__(self, logger, now=monotonic):
-        self._logger, self._now = logger, now
-        self._seen = self._plain = self._logged = self._last_fault = ""
-        self._faults, self._last_line = 0, -PERIOD
+    def __init__(self, logger: RcutilsLogger, now: Callable[[], float] = monotonic) -> None:
+        self._logger = logger
+        self._now = now
+        self._current = ""  # text of the fault at the last update
+        self._masked = ""  # the same without numbers
+        self._logged = ""  # masked text of the last line
+        self._last_fault = ""
+        self._fault_count = 0  # since the last line
+        self._last_line_time = -PERIOD
 
-    def restart(self, reason):
-        """Begin with a fault that needs no line."""
-        self._plain = self._logged = mask_numbers(reason)
-        self._faults = 0
+    def restart(self, reason: str) -> None:
+        """Start with a fault that needs no line."""
+        self._masked = mask_numbers(reason)
+        self._logged = self._masked
+        self._fault_count = 0
 
-    def update(self, fault):
-        """Take the fault that there is, an empty text for none."""
-        if fault is self._seen and self._plain == self._logged and not self._faults:
+    def update(self, fault: str) -> None:
+        """Take the present fault, an empty text for none."""
+        if fault is self._current and self._masked == self._logged and not self._fault_count:
             return
-        if fault is not self._seen:
-            self._seen, before, self._plain = fault, self._plain, mask_numbers(fault)
-            if fault and self._plain != before:
-                self._faults, self._last_fault = self._faults + 1, fault
-        if self._plain == self._logged and not self._faults:
+        if fault is not self._current:
+            previous = self._masked
+            self._current = fault
+            self._masked = mask_numbers(fault)
+            if fault and self._masked != previous:
+                self._fault_count += 1
+                self._last_fault = fault
+        if self._masked == self._logged and not self._fault_count:
             return
         now = self._now()
-        if now - self._last_line >= PERIOD:
-            self._log(fault, now - self._last_line)
-            self._logged, self._faults, self._last_line = self._plain, 0, now
+        if now - self._last_line_time >= PERIOD:
+            self._log(fault, now - self._last_line_time)
+            self._logged = self._masked
+            self._fault_count = 0
+            self._last_line_time = now
 
-    def _log(self, fault, elapsed):
-        if self._faults > 1:
-            after = "" if fault else "; they are sent again"
-            often = f"efforts went to zero {self._faults} times in {elapsed:.1f} s"
-            self._logger.warning(f"{often}, the last time: {self._last_fault}{after}")
+    def _log(self, fault: str, elapsed: float) -> None:
+        if self._fault_count > 1:
+            end = "" if fault else "; they are sent again"
+            self._logger.warning(
+                f"efforts went to zero {self._fault_count} times in {elapsed:.1f} s, the last time: "
+                f"{self._last_fault}{end}"
+            )
         elif fault:
             self._logger.warning(f"efforts go to zero: {fault}")
-        elif self._faults:
+        elif self._fault_count:
             self._logger.warning(f"efforts went to zero for a moment: {self._last_fault}; they are sent again")
         else:
             self._logger.info("efforts are sent again")

@@ -1,42 +1,55 @@
-"""What computed_torque sends: efforts in messages that are written anew each time, and the state of its control."""
+"""The topics that computed_torque publishes: efforts, in messages that are reused, and the state of the controller."""
 
 import math
 from array import array
 from time import perf_counter
 
 import numpy as np
+from builtin_interfaces.msg import Time
+from rclpy.lifecycle import LifecycleNode
+from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from robot_dynamics.array_types import Array
+from robot_dynamics.control.controller import Controller
 from robot_dynamics.nodes.qos import LATEST_ONLY_QOS
 
-QOS_OVERRIDES = {"qos_overriding_options": QoSOverridingOptions.with_default_policies()}
+QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 class ControlOutputs:
-    """~/commands, ~/effort and ~/state of a node."""
+    """Publishers of ~/commands, ~/effort and ~/state."""
 
-    def __init__(self, node):
+    def __init__(self, node: LifecycleNode) -> None:
         self._clock = node.get_clock()
-        self._commands = node.create_publisher(Float64MultiArray, "~/commands", LATEST_ONLY_QOS, **QOS_OVERRIDES)
-        self._effort = node.create_publisher(JointState, "~/effort", LATEST_ONLY_QOS, **QOS_OVERRIDES)
-        self._state = node.create_publisher(JointTrajectory, "~/state", LATEST_ONLY_QOS, **QOS_OVERRIDES)
-        self._told = -np.inf
+        self._commands = self._publisher(node, Float64MultiArray, "~/commands")
+        self._effort = self._publisher(node, JointState, "~/effort")
+        self._state = self._publisher(node, JointTrajectory, "~/state")
+        self._state_published_at = -np.inf
+        self.configure(())
 
-    def configure(self, joints):
+    def _publisher(self, node: LifecycleNode, kind: type, topic: str) -> Publisher:
+        return node.create_publisher(kind, topic, LATEST_ONLY_QOS, qos_overriding_options=QOS_OVERRIDES)
+
+    def configure(self, joints: tuple[str, ...]) -> None:
         """Make the messages for the joints of these names."""
         self._message = Float64MultiArray(data=array("d", bytes(8 * len(joints))))
-        self._view = np.frombuffer(self._message.data)  # the array that the message holds, which is a copy
-        self._named = JointState(name=list(joints))
+        self._view: Array = np.frombuffer(self._message.data)  # of the array in the message, which is a copy
+        self._named_message = JointState(name=list(joints))
 
-    def publish_efforts(self, efforts, stamp=None, until=math.inf):
-        """Publish efforts (joints,); by name as well where someone listens, stamped as the state that they answer, by
-        which a receiver pairs the two; None: as now. A stamp of zero is none.
+    def publish_efforts(self, efforts: Array, stamp: Time | None = None, until: float = math.inf) -> bool:
+        """Publish efforts (joints,), also by name if there are subscribers, and return whether all left in time.
 
-        until: when they are too old to be sent, by time.perf_counter() [s]; what has not left by then does not. Returns
-        whether all has left in time: where this process stands still while it sends, efforts leave when it goes on.
+        If this process stands still while it publishes, efforts leave when it goes on.
+
+        Parameters
+        ----------
+        stamp : of the state that the efforts belong to, by which a receiver pairs the two; None or zero: the present
+            time.
+        until : time of `time.perf_counter` [s] from which the efforts are too old: then the rest is not published.
         """
         self._view[:] = efforts
         if perf_counter() > until:
@@ -45,36 +58,38 @@ class ControlOutputs:
         if perf_counter() > until:
             return False
         if self._effort.get_subscription_count():
-            told = stamp is not None and (stamp.sec or stamp.nanosec)
-            self._named.header.stamp = stamp if told else self._clock.now().to_msg()
-            self._named.effort = self._message.data
+            is_stamped = stamp is not None and (stamp.sec or stamp.nanosec)
+            self._named_message.header.stamp = stamp if is_stamped else self._clock.now().to_msg()
+            self._named_message.effort = self._message.data
             if perf_counter() > until:
                 return False
-            self._effort.publish(self._named)
+            self._effort.publish(self._named_message)
         return perf_counter() <= until
 
-    def tell(self, controller, time, rate):
-        """Publish reference, feedback, error and output of a Controller, at most `rate` times a second [1/s]."""
-        if rate <= 0 or 0 <= time - self._told < 1 / rate:
+    def publish_state(self, controller: Controller, time: float, rate: float) -> None:
+        """Publish reference, feedback, error and output of a controller, at most `rate` times a second [1/s]."""
+        if rate <= 0 or 0 <= time - self._state_published_at < 1 / rate:
             return
-        self._told = time
+        self._state_published_at = time
         if self._state.get_subscription_count():
-            self._state.publish(self._state_of(controller))
+            self._state.publish(self._state_message(controller))
 
-    def _state_of(self, controller):
-        law, points = controller.law, [JointTrajectoryPoint() for _ in range(4)]
-        feedback = law.q[law.joint_indices], law.qd[law.joint_indices]
+    def _state_message(self, controller: Controller) -> JointTrajectory:
+        law = controller.law
+        reference, feedback, error, output = (JointTrajectoryPoint() for _ in range(4))
+        positions = law.q[law.joint_indices]
+        velocities = law.qd[law.joint_indices]
         if not controller.no_reference_reason:
-            wanted = controller.reference
-            _fill(points[0], *wanted)
-            _fill(points[2], wanted[0] - feedback[0], wanted[1] - feedback[1])
-        _fill(points[1], *feedback)
-        points[3].effort = array("d", self._view.tobytes())
-        message = JointTrajectory(joint_names=list(law.joints), points=points)
+            _fill(reference, *controller.reference)
+            _fill(error, controller.reference[0] - positions, controller.reference[1] - velocities)
+        _fill(feedback, positions, velocities)
+        output.effort = array("d", self._view.tobytes())
+        message = JointTrajectory(joint_names=list(law.joints), points=[reference, feedback, error, output])
         message.header.stamp = self._clock.now().to_msg()
         return message
 
 
-def _fill(point, *fields):
-    for name, values in zip(("positions", "velocities", "accelerations"), fields, strict=False):
-        setattr(point, name, array("d", values.tobytes()))
+def _fill(point: JointTrajectoryPoint, *columns: Array) -> None:
+    """Write positions, velocities and accelerations, as many as there are, into a point."""
+    for field, values in zip(("positions", "velocities", "accelerations"), columns, strict=False):
+        setattr(point, field, array("d", values.tobytes()))

@@ -1,40 +1,60 @@
-"""Messages of a node's topics, written as they come into a bag that rosbag2, Foxglove and PlotJuggler read (MCAP)."""
+"""Records topics of a node in a bag that rosbag2, Foxglove and PlotJuggler read (MCAP)."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from robot_dynamics.recordings.bags import import_rosbag2, load_typestore
 
-DEEP = 2000  # messages that may wait
+QUEUE_DEPTH = 2000
 
 
 class BagRecorder:
-    """Writes what topics {name: type} tell into a new bag; use it in a `with`.
+    """Writes the messages on topics {name: type} into a new bag; use it in a `with` statement.
 
-    path: the folder of the bag, which must not be there. now: gives the time of a message [ns] as it comes.
+    Parameters
+    ----------
+    path : folder of the bag, which must not exist.
+    now : returns the time of a message [ns] when it is received.
+
+    Attributes
+    ----------
+    message_count : number of messages written.
     """
 
-    def __init__(self, node, path, topics, now):
-        self._node, self._now = node, now
-        self._writer = import_rosbag2().Writer(path, version=9, storage_plugin=import_rosbag2().StoragePlugin.MCAP)
-        self._topics, self.message_count = topics, 0
+    def __init__(self, node: Node, path: Path, topics: Mapping[str, type], now: Callable[[], int]) -> None:
+        rosbag2 = import_rosbag2()
+        self._node = node
+        self._topics = topics
+        self._now = now
+        self._writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+        self._subscriptions: list[Subscription] = []
+        self.message_count = 0
 
-    def __enter__(self):
+    def __enter__(self) -> "BagRecorder":
         self._writer.open()
         store = load_typestore()
-        self._held = []
         for name, kind in self._topics.items():
-            package, _, _ = kind.__module__.split(".", 2)
-            told = f"{package}/msg/{kind.__name__}"
-            connection = self._writer.add_connection(name, told, typestore=store)
-            self._held.append(self._node.create_subscription(kind, name, self._keeping(connection), DEEP, raw=True))
+            package = kind.__module__.partition(".")[0]
+            connection = self._writer.add_connection(name, f"{package}/msg/{kind.__name__}", typestore=store)
+            callback = self._callback(connection)
+            self._subscriptions.append(self._node.create_subscription(kind, name, callback, QUEUE_DEPTH, raw=True))
         return self
 
-    def _keeping(self, connection):
-        def keep(message):
+    def _callback(self, connection: Any) -> Callable[[bytes], None]:
+        def write(message: bytes) -> None:
             self._writer.write(connection, self._now(), message)
             self.message_count += 1
 
-        return keep
+        return write
 
-    def __exit__(self, *_):
-        for subscription in self._held:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._writer.close()

@@ -1,12 +1,12 @@
 """The node dynamics_server: inverse and direct dynamics, static equilibria, natural frequencies and the terms of the
 model as services."""
 
-import traceback
+from collections.abc import Callable
+from typing import Any
 
 from rclpy.node import Node
 
-from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.nodes.diagnostics import Diagnostics
+from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
 from robot_dynamics.nodes.dynamics_server.services import (
     handle_direct_dynamics,
     handle_dynamics_terms,
@@ -14,8 +14,9 @@ from robot_dynamics.nodes.dynamics_server.services import (
     handle_natural_frequencies,
     handle_static_equilibrium,
 )
-from robot_dynamics.nodes.processes import run_node
+from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.runner import run_node
 from robot_dynamics_interfaces.srv import (
     DirectDynamics,
     DynamicsTerms,
@@ -34,46 +35,47 @@ SERVICES = (
 
 
 class DynamicsServer(Node):
-    """Serves ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/static_equilibrium and ~/natural_frequencies
-    for a robot.
+    """Provides the services ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/static_equilibrium and
+    ~/natural_frequencies of a robot.
 
-    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
-    from the topic robot_description: dynamics_server --ros-args -p robot_file:=panda
+    Parameter robot_file (a path, or a robot that ships) or robot_description (a text) selects the robot, else the
+    topic robot_description: dynamics_server --ros-args -p robot_file:=panda
 
-    A request that cannot be answered gets success false and the reason; the node goes on. Every second it tells on
-    /diagnostics which robot it serves, how many requests were answered and refused, and why the last was refused.
+    The response to an invalid request has success false and the reason; the node goes on. Every second /diagnostics
+    has the name of the robot, the numbers of answered and refused requests, and the reason of the last refusal.
     """
 
-    def __init__(self, **arguments):
+    def __init__(self, **arguments: Any) -> None:
         super().__init__("dynamics_server", **arguments)
         self._robot = RobotSource(self)
-        self._answered = self._refused = 0
+        self._answered = 0
+        self._refused = 0
         self._last_refusal = ""
-        self._served = [
-            self.create_service(kind, f"~/{name}", self._serve(name, answer)) for kind, name, answer in SERVICES
+        self._service_handles = [
+            self.create_service(kind, f"~/{name}", self._callback(name, handle)) for kind, name, handle in SERVICES
         ]
         self._diagnostics = Diagnostics(self, "robot", self._report)
 
-    def _serve(self, name, answer):
-        def serve(request, response):
+    def _callback(self, name: str, handle: Callable[..., Any]) -> Callable[[Any, Any], Any]:
+        """Return the callback of a service: `handle` fills the response, or raises the reason of a refusal."""
+
+        def callback(request: Any, response: Any) -> Any:
             try:
-                answer(request, response, self._robot.dynamics, self.get_namespace())
+                handle(request, response, self._robot.dynamics, self.get_namespace())
+            except Exception as error:
+                reason = failure_reason(self.get_logger(), error)
+            else:
                 response.message = self._robot.reliability_warning
                 self._answered += 1
                 return response
-            except RobotDynamicsError as error:
-                reason = str(error)
-            except Exception as error:  # a fault of ours must not take the node, and all that depends on it, down
-                self.get_logger().error(traceback.format_exc())
-                reason = f"internal error, please report it: {error!r}"
             self._refused += 1
             self._last_refusal = f"{name}: {reason}"
             self.get_logger().warning(f"request refused: {self._last_refusal}", throttle_duration_sec=1.0)
             return type(response)(success=False, message=reason)
 
-        return serve
+        return callback
 
-    def _report(self, _elapsed):
+    def _report(self, _elapsed: float) -> tuple[Level, str, str, Values]:
         values = {
             "requests answered": self._answered,
             "requests refused": self._refused,
@@ -82,5 +84,6 @@ class DynamicsServer(Node):
         return *self._robot.health(), self._robot.name, values
 
 
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> None:
+    """Run the node."""
     run_node(DynamicsServer, arguments)

@@ -1,138 +1,178 @@
-"""What acts on a simulated robot: commands that were heard, for as long as they count."""
+"""The inputs of a simulated robot: commands that were received, for as long as they are valid."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeAlias, TypedDict
 
 import numpy as np
+from geometry_msgs.msg import Twist, WrenchStamped
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+from trajectory_msgs.msg import JointTrajectory
 
+from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.control.reference import Trajectory
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.nodes.codecs.geometry import read_twist, read_wrench, to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import read_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
 from robot_dynamics.nodes.codecs.references import read_reference
+from robot_dynamics.nodes.codecs.wrenches import read_wrench
+from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
+
+Motion: TypeAlias = Callable[[float], tuple[Array, Array, Array] | Array]
+"""Positions, velocities and accelerations (n,) of all joints at a time [s]."""
+
+
+class StepInputs(TypedDict, total=False):
+    """Arguments of Simulation.advance beside the number of steps."""
+
+    efforts: Array
+    external_wrenches: dict[str, Array]
+    drive: Array | None
+    motion: Motion
 
 
 class SimulatorInputs:
-    """Takes messages over, or refuses them with a QuestionError; times are simulated ones [s].
+    """Reads messages, and returns the inputs of a step. Times are simulated [s].
 
-    simulated: the Simulated; timeout: [s] after which what is not said again is zero. A base that was driven once is
-    held by its wheels from then on.
+    Callbacks raise InvalidInputError for messages that do not fit. A base that was driven once is held by its wheels
+    from then on.
+
+    Parameters
+    ----------
+    setup : the simulation.
+    namespace : of the node, which may precede names.
+    timeout : [s] after which commands and wrenches that are not repeated are zero.
     """
 
-    def __init__(self, setup, namespace, timeout):
-        self._simulated, self._namespace, self.timeout = setup, namespace, timeout
+    def __init__(self, setup: SimulationSetup, namespace: str, timeout: float) -> None:
+        self._setup = setup
         self._simulation = setup.simulation
+        self._namespace = namespace
+        self.timeout = timeout
         self.clear()
 
-    def clear(self):
-        """As if nothing had been heard."""
-        self.efforts = np.zeros(len(self._simulation.joint_names))
-        self._commanded = self._driven = -np.inf
-        self._drive, self._wrenches, self._reference = None, {}, None
-        self.has_new_efforts = self.has_state_stamp = (
-            False  # whether efforts came since await_answer; whether they say to which state
-        )
-        self._awaited = 0
+    def clear(self) -> None:
+        """Forget all messages."""
+        self.efforts: Array = np.zeros(len(self._simulation.joint_names))
+        self.has_new_efforts = False  # since `expect_efforts`
+        self.has_state_stamp = False  # whether the last efforts have the stamp of the state that they belong to
+        self._expected_stamp = 0
+        self._efforts_received_at = -np.inf
+        self._drive: Array | None = None
+        self._drive_received_at = -np.inf
+        self._wrenches: dict[str, tuple[float, Array]] = {}  # with the time at which they were received
+        self._reference: tuple[float, Trajectory] | None = None  # likewise
 
-    def continue_from(self, before):
-        """What was heard before, of the same joints, counts on."""
-        self._commanded, self._driven, self._drive = before._commanded, before._driven, before._drive
-        self._wrenches, self._reference = before._wrenches, before._reference
-        self.efforts[:], self.has_new_efforts, self.has_state_stamp = (
-            before.efforts,
-            before.has_new_efforts,
-            before.has_state_stamp,
-        )
+    def continue_from(self, predecessor: "SimulatorInputs") -> None:
+        """Take over the messages that another simulation of the same joints has received."""
+        self.efforts[:] = predecessor.efforts
+        self.has_new_efforts = predecessor.has_new_efforts
+        self.has_state_stamp = predecessor.has_state_stamp
+        self._efforts_received_at = predecessor._efforts_received_at
+        self._drive = predecessor._drive
+        self._drive_received_at = predecessor._drive_received_at
+        self._wrenches = predecessor._wrenches
+        self._reference = predecessor._reference
 
-    def expect_efforts(self, stamp=0):
-        """Nothing has come yet of what is wanted: efforts that answer the state of this stamp [ns], as far as they say
-        what they answer; 0: any."""
-        self.has_new_efforts, self._awaited = False, stamp
+    def expect_efforts(self, stamp: int = 0) -> None:
+        """Wait for efforts of the state with this stamp [ns], or without a stamp; 0: any efforts."""
+        self.has_new_efforts = False
+        self._expected_stamp = stamp
 
-    def on_commands(self, now, message):
-        """std_msgs/Float64MultiArray, in the order of parameter `joints`."""
-        names = self._simulated.joint_names
+    def on_commands(self, now: float, message: Float64MultiArray) -> None:
+        """Read efforts in the order of parameter `joints`."""
+        names = self._setup.joint_names
         if len(message.data) != len(names):
             raise InvalidInputError(
                 f"commands has {len(message.data)} values: {len(names)} are needed, one for each of {', '.join(names)}"
             )
-        self._push(now, self._simulated.joints, np.asarray(message.data))
+        self._set_efforts(now, self._setup.joints, np.asarray(message.data))
         self.has_state_stamp = False
 
-    def on_efforts(self, now, message):
-        """sensor_msgs/JointState: efforts of the joints that it names. What answers an earlier state than the one that
-        is awaited comes too late, and is left."""
+    def on_efforts(self, now: float, message: JointState) -> None:
+        """Read the efforts of the named joints. Those of a state before the expected one are too late, and ignored."""
         stamp = to_nanoseconds(message.header.stamp)
-        if 0 < stamp < self._awaited:
+        if 0 < stamp < self._expected_stamp:
             return
         if len(message.effort) != len(message.name):
             raise InvalidInputError(f"effort has {len(message.effort)} efforts for {len(message.name)} names")
-        names = [resolve_name("joint", name, self._simulated.joint_names, self._namespace) for name in message.name]
+        names = [resolve_name("joint", name, self._setup.joint_names, self._namespace) for name in message.name]
         if len(set(names)) < len(names):
             raise InvalidInputError("effort names a joint more than once")
-        places = [self._simulation.joint_names.index(name) for name in names]
-        self._push(now, places, np.asarray(message.effort))
+        indices = [self._simulation.joint_names.index(name) for name in names]
+        self._set_efforts(now, indices, np.asarray(message.effort))
         self.has_state_stamp = stamp > 0
 
-    def _push(self, now, places, values):
-        if not np.isfinite(values).all():
-            place = int(np.argmin(np.isfinite(values)))
-            raise InvalidInputError(f"effort[{place}] is {values[place]}: a finite number is needed")
-        self.efforts[places] = values
-        self._commanded, self.has_new_efforts = now, True
-
-    def on_cmd_vel(self, now, message):
-        """geometry_msgs/Twist: what the base is driven to."""
+    def on_cmd_vel(self, now: float, message: Twist) -> None:
+        """Read the commanded twist of the base."""
         if self._simulation.base != "planar":
             raise InvalidInputError(
                 f"cmd_vel drives a planar base or one on wheels, this one is {self._simulation.base}"
             )
         self._drive = read_twist(message, "cmd_vel")
-        self._driven = now
+        self._drive_received_at = now
 
-    def wrench(self, now, message):
-        """geometry_msgs/WrenchStamped: what the environment does to the link that frame_id names, in its frame."""
+    def on_wrench(self, now: float, message: WrenchStamped) -> None:
+        """Read the wrench of the environment on the link that frame_id names, in the frame of that link."""
         link = resolve_name("link", message.header.frame_id, self._simulation.robot.frames_by_name, self._namespace)
         self._wrenches[link] = now, read_wrench(message.wrench, f"external_wrench on {link!r}")
 
-    def reference(self, now, message):
-        """trajectory_msgs/JointTrajectory: how the joints move from now on, all of them."""
-        names, state = self._simulation.joint_names, self._simulation.state
+    def on_reference(self, now: float, message: JointTrajectory) -> None:
+        """Read the motion of all joints from now on."""
+        names = self._simulation.joint_names
+        state = self._simulation.state
         times, points = read_reference(message, names, self._namespace)
-        if len(times) and times[0] > 0:  # from where they are
+        if len(times) and times[0] > 0:  # starts from the present state
             times = np.concatenate([[0.0], times])
-            here = np.stack([state.positions, state.velocities, np.zeros(len(names))])
-            points = np.concatenate([here[:, None], points], axis=1)
+            present = np.stack([state.positions, state.velocities, np.zeros(len(names))])
+            points = np.concatenate([present[:, None], points], axis=1)
         self._reference = now, Trajectory(times, *points)
 
     @property
-    def has_commands(self):
-        """Whether efforts ever came."""
-        return np.isfinite(self._commanded)
+    def has_commands(self) -> bool:
+        """Whether efforts were received at all."""
+        return bool(np.isfinite(self._efforts_received_at))
 
-    def has_timed_out(self, now):
-        """Whether efforts were commanded once, and are no longer."""
-        return self.has_commands and now - self._commanded > self.timeout
+    def has_timed_out(self, now: float) -> bool:
+        """Return whether efforts were received, and are no longer valid."""
+        return self.has_commands and now - self._efforts_received_at > self.timeout
 
-    def step_inputs(self, now):
-        """What Simulation.advance takes beside the number of steps."""
-        if now - self._commanded > self.timeout:
+    def step_inputs(self, now: float) -> StepInputs:
+        """Return the inputs of a step; efforts, wrenches and drives that are no longer valid are zero."""
+        if now - self._efforts_received_at > self.timeout:
             self.efforts[:] = 0
-        wrenches = {link: wrench for link, (heard, wrench) in self._wrenches.items() if now - heard <= self.timeout}
+        wrenches = {
+            link: wrench for link, (received_at, wrench) in self._wrenches.items() if now - received_at <= self.timeout
+        }
         drive = self._drive
-        if drive is not None and now - self._driven > self.timeout:
+        if drive is not None and now - self._drive_received_at > self.timeout:
             drive = np.zeros(6)
         return {"efforts": self.efforts, "external_wrenches": wrenches, "drive": drive}
 
-    def reference_motion(self, offset):
-        """The motion that ~/reference tells, as a function of Simulation's time [s], which is `offset` behind; without
-        one the joints stay."""
+    def reference_motion(self, offset: float) -> Motion:
+        """Return the motion of the reference as a function of the time of the Simulation [s].
+
+        offset: simulated time less the time of the Simulation. Without a reference the joints are at rest.
+        """
         state = self._simulation.state
         if self._reference is None:
             rest = np.zeros_like(state.positions)
             return lambda time: (state.positions, rest, rest)
-        begun, trajectory = self._reference
-        sampled = np.empty((3, len(state.positions)))
+        start, trajectory = self._reference
+        sample = np.empty((3, len(state.positions)))
 
-        def reference_motion(time):
-            trajectory.sample(time + offset - begun, sampled)
-            return sampled.copy()
+        def reference_motion(time: float) -> Array:
+            trajectory.sample(time + offset - start, sample)
+            return sample.copy()
 
         return reference_motion
+
+    def _set_efforts(self, now: float, indices: IntArray | Sequence[int], values: Array) -> None:
+        """Set the efforts of joints, by their indices in the simulation."""
+        if not np.isfinite(values).all():
+            index = int(np.argmin(np.isfinite(values)))
+            raise InvalidInputError(f"effort[{index}] is {values[index]}: a finite number is needed")
+        self.efforts[indices] = values
+        self._efforts_received_at = now
+        self.has_new_efforts = True

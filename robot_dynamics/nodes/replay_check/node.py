@@ -1,82 +1,91 @@
-"""The node replay_check: do the efforts that a running robot, or a bag that is played, tells of fit its model?"""
+"""The node replay_check: compares the efforts of a running robot, or of a bag that is played, with its model."""
 
 import time
-import traceback
 from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
-from rclpy.clock import Clock, ClockType
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from robot_dynamics.checking.live_check import DEFAULT_SPAN, LiveCheck
+from robot_dynamics.array_types import Array
+from robot_dynamics.checking.live_check import EffortPrediction, LiveCheck
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.cli.replay_check import format_check
-from robot_dynamics.errors import InvalidInputError, RecordingError, RobotDynamicsError
-from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN, Diagnostics
-from robot_dynamics.nodes.parameters import convert_parameter, declare_parameters, parse_names, try_parameter_change
-from robot_dynamics.nodes.processes import make_events_executor, run_node
+from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.errors import RecordingError, RobotDynamicsError
+from robot_dynamics.nodes.codecs.fields import to_time_message
+from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
+from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.parameters import (
+    ParameterValues,
+    declare_parameters,
+    read_parameters,
+    refuse_startup_changes,
+    try_parameter_change,
+    validate_changes,
+)
+from robot_dynamics.nodes.replay_check.health import check_figures, check_health, joint_parts
+from robot_dynamics.nodes.replay_check.parameters import PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.runner import make_events_executor, run_node
 from robot_dynamics.recordings.drives import load_drives
 from robot_dynamics.recordings.joint_samples import sample_of_joint_state
 from robot_dynamics.recordings.odometry import OdometryReader
 
-# name: (default, what it is)
-PARAMETERS = {
-    "topics": ("", "names of the topics that tell of the joints; empty: joint_states"),
-    "drives": ("", "path of a YAML file: motors and their ratios, gains, offsets; see config/drives"),
-    "tolerances": ("", "path of a YAML file; empty: config/tolerances/default.yaml"),
-    "cutoff": (0.0, "of the low-pass filter [Hz]; 0: 8, or a fifth of the rate"),
-    "rate": (0.0, "of the grid that signals are put on [1/s]; 0: as they come"),
-    "span": (DEFAULT_SPAN, "of time that a verdict is about [s]"),
-    "stale_after": (1.0, "time without messages on a joint after which it is stale [s]"),
-}
-STARTUP_PARAMETERS = ("topics",)
-LOWER_BOUNDS = {
-    "cutoff": 0.1,
-    "rate": 0.1,
-    "span": 1.0,
-    "stale_after": 0.1,
-}  # a lower cut-off would keep minutes of samples
-DEEP = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)  # nothing is late here, but much is computed
-OUT = QoSProfile(depth=1000)  # pieces of a third of a second go out at once
-TICK = 0.1  # [s] between looks at what can be told
+# inputs wait in the queue while the model computes; outputs of a third of a second are published at once
+INPUT_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+OUTPUT_QOS = QoSProfile(depth=1000)
+TICK = 0.1  # [s] between two evaluations
 
 
 class ReplayCheck(Node):
-    """Compares the efforts on joint_states with those that the model of the robot predicts, as
-    `robot-dynamics replay-check` does for bags, while they come; with odom where the base of the robot moves.
+    """Compares the efforts on joint_states with those that the model of the robot predicts, while messages arrive, as
+    `robot-dynamics replay-check` does for bags; uses odom if the base of the robot moves.
 
-    The robot is named by parameter robot_file (a path, or a robot that ships) or robot_description (a text), else taken
-    from the topic robot_description: replay_check --ros-args -p robot_file:=panda
+    Parameter robot_file (a path, or a robot that ships) or robot_description (a text) selects the robot, else the
+    topic robot_description: replay_check --ros-args -p robot_file:=panda
 
-    ~/predicted_effort and ~/residual (JointState) have the stamps of the samples, and come about a second later, as the
-    filter must see what comes after a sample. Every second /diagnostics tells of each joint whether it is out of
-    tolerance, by how much and since when. Services ~/report (Trigger: passed or not, with the table) and ~/reset.
+    ~/predicted_effort and ~/residual (JointState) have the stamps of the samples. They are published about a second
+    later, since the filter needs later samples. Every second /diagnostics has the verdict of each joint: whether it is
+    out of tolerance, by how much and since when. Services ~/report (Trigger: passed or not, with the table) and
+    ~/reset.
     """
 
-    def __init__(self, **arguments):
+    def __init__(self, **arguments: Any) -> None:
         super().__init__("replay_check", **arguments)
-        self._check, self._dynamics, self._ended = None, None, True
-        self._heard = self._refused = 0
-        self._trouble = self._last_refusal = ""
+        self._check: LiveCheck | None = None
+        self._dynamics: Dynamics | None = None
+        self._odometry: OdometryReader | None = None
+        self._odometry_subscription: Subscription | None = None
+        self._is_finished = True  # no data since the last verdict
+        self._received = 0
+        self._skipped = 0
+        self._last_reason = ""
+        self._setup_error = ""
         declare_parameters(self, PARAMETERS)
-        self._values = {name: validate_parameter(name, self.get_parameter(name).value) for name in PARAMETERS}
-        self._candidate = self._of_base = None
-        self._robot = RobotSource(self, on_new_robot=self._adopt)
+        self._values = read_parameters(self, PARAMETERS)
+        self._candidate = self._values
+        self._robot = RobotSource(self, on_new_robot=self._restart)
         self.add_on_set_parameters_callback(self._before_change)
         self.add_post_set_parameters_callback(self._after_change)
-        self._predicted = self.create_publisher(JointState, "~/predicted_effort", OUT)
-        self._residual = self.create_publisher(JointState, "~/residual", OUT)
-        self._held = [
-            self.create_subscription(JointState, topic, self._taking(self.resolve_topic_name(topic)), DEEP)
-            for topic in self._values["topics"] or ["joint_states"]
+        self._predicted = self.create_publisher(JointState, "~/predicted_effort", OUTPUT_QOS)
+        self._residual = self.create_publisher(JointState, "~/residual", OUTPUT_QOS)
+        topics = dict.fromkeys(self._values["topics"]) or ["joint_states"]
+        self._joint_state_subscriptions = [
+            self.create_subscription(JointState, topic, self._on_joint_state(topic), INPUT_QOS) for topic in topics
         ]
-        self._held += [
+        self._service_handles = [
             self.create_service(Trigger, "~/report", self._on_report),
             self.create_service(Trigger, "~/reset", self._on_reset),
         ]
@@ -85,215 +94,164 @@ class ReplayCheck(Node):
 
     # Robot and parameters
 
-    def _begun(self, dynamics, values):
-        """A LiveCheck of a robot. Raises RobotDynamicsError."""
-        drives = load_drives(values["drives"] or None, dynamics.joint_names)
-        tolerances = load_tolerances(values["tolerances"] or None, dynamics.joint_names)
-        return LiveCheck(dynamics, drives, tolerances, cutoff=values["cutoff"] or None, rate=values["rate"] or None,
-                         span=values["span"])  # fmt: skip
+    def _new_check(self, dynamics: Dynamics, values: ParameterValues) -> LiveCheck:
+        """Return the check of a robot with these parameters. Raises RobotDynamicsError."""
+        return LiveCheck(
+            dynamics,
+            load_drives(values["drives"] or None, dynamics.joint_names),
+            load_tolerances(values["tolerances"] or None, dynamics.joint_names),
+            cutoff=values["cutoff"] or None,
+            rate=values["rate"] or None,
+            span=values["span"],
+        )
 
-    def _adopt(self, dynamics):
-        """Begin anew, with this robot."""
-        self._dynamics, self._ended = dynamics, True
+    def _restart(self, dynamics: Dynamics) -> None:
+        """Start a new check, of this robot."""
+        self._dynamics = dynamics
+        self._is_finished = True
         self._odometry = OdometryReader(dynamics.robot.base_link)
-        if dynamics.robot.moving_base and self._of_base is None:
-            self._of_base = self.create_subscription(Odometry, "odom", self._taking("odom"), DEEP)
+        if dynamics.robot.moving_base and self._odometry_subscription is None:
+            self._odometry_subscription = self.create_subscription(Odometry, "odom", self._on_odometry, INPUT_QOS)
         try:
-            self._check, self._trouble = self._begun(dynamics, self._values), ""
+            self._check = self._new_check(dynamics, self._values)
+            self._setup_error = ""
         except RobotDynamicsError as error:
-            self._check, self._trouble = None, str(error)
+            self._check = None
+            self._setup_error = str(error)
             self.get_logger().error(f"nothing is checked: {error}")
 
-    def _before_change(self, parameters):
-        told = {each.name: each.value for each in parameters if each.name in PARAMETERS}
-
-        def change():
-            for name in set(told) & set(STARTUP_PARAMETERS):
-                raise InvalidInputError(f"parameter {name} is read when the node begins: start it anew")
-            values = {**self._values, **{name: validate_parameter(name, value) for name, value in told.items()}}
-            if told and self._dynamics is not None:
-                self._begun(self._dynamics, values)
+    def _before_change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        def change() -> None:
+            refuse_startup_changes(PARAMETERS, parameters)
+            changes = validate_changes(PARAMETERS, parameters)
+            values = {**self._values, **changes}
+            if changes and self._dynamics is not None:
+                self._new_check(self._dynamics, values)
             self._candidate = values
 
         return try_parameter_change(change)
 
-    def _after_change(self, parameters):
-        if any(each.name in PARAMETERS for each in parameters):
+    def _after_change(self, parameters: Sequence[Parameter]) -> None:
+        if any(parameter.name in PARAMETERS for parameter in parameters):
             self._values = self._candidate
             if self._dynamics is not None:
-                self._adopt(self._dynamics)
+                self._restart(self._dynamics)
 
-    # What comes, and what goes out
+    # Inputs and outputs
 
-    def _taking(self, topic):
-        def take(message):
-            if self._check is None:
-                return
-            self._heard += 1
-            read = self._odometry.sample if isinstance(message, Odometry) else sample_of_joint_state
-            self._trying(lambda: self._check.feed(read(topic, time.time_ns(), message)))
+    def _on_joint_state(self, topic: str) -> Callable[[JointState], None]:
+        name = self.resolve_topic_name(topic)
 
-        return take
+        def callback(message: JointState) -> None:
+            check = self._check
+            if check is not None:
+                self._received += 1
+                self._process(lambda: check.feed(sample_of_joint_state(name, time.time_ns(), message)))
 
-    def _on_tick(self):
-        if self._check is None:
+        return callback
+
+    def _on_odometry(self, message: Odometry) -> None:
+        check = self._check
+        odometry = self._odometry
+        if check is not None and odometry is not None:
+            self._received += 1
+            self._process(lambda: check.feed(odometry.sample("odom", time.time_ns(), message)))
+
+    def _on_tick(self) -> None:
+        check = self._check
+        if check is None:
             return
-        stale = self._stale_names()
-        if not stale:
-            self._ended = False
-            self._trying(self._check.advance)
-        elif not self._ended:
-            self._ended = True
-            self._trying(self._check.finish)
+        if not self._stale_names(check):
+            self._is_finished = False
+            self._process(check.advance)
+        elif not self._is_finished:
+            self._is_finished = True
+            self._process(check.finish)
         else:
-            self._trying(self._check.advance)
+            self._process(check.advance)
         self._diagnostics.publish_if_changed(*self._health())
 
-    def _stale_names(self):
-        return self._check.find_stale_names(time.time_ns(), self._values["stale_after"])
+    def _stale_names(self, check: LiveCheck) -> list[str]:
+        return check.find_stale_names(time.time_ns(), self._values["stale_after"])
 
-    def _trying(self, work):
-        """Publish the Pieces that come of some work; what it refuses is told, and counted."""
+    def _process(self, compute: Callable[[], Iterable[EffortPrediction]]) -> None:
+        """Publish the predictions of a computation; data that it refuses are counted."""
         try:
-            for piece in work():
-                self._publish(piece)
-            return
-        except RecordingError as error:
-            reason = str(error)
-        except Exception as error:  # a fault of ours must not take the node down
-            self.get_logger().error(traceback.format_exc(), throttle_duration_sec=1.0)
-            reason = f"internal error, please report it: {error!r}"
-        self._refused, self._last_refusal = self._refused + 1, reason
-        self.get_logger().warning(f"left out: {reason}", throttle_duration_sec=1.0)
+            for prediction in compute():
+                self._publish(prediction)
+        except Exception as error:
+            self._skipped += 1
+            self._last_reason = failure_reason(self.get_logger(), error)
+            self.get_logger().warning(f"left out: {self._last_reason}", throttle_duration_sec=1.0)
 
-    def _publish(self, piece):
-        names = list(self._check.dynamics.joint_names)
-        for publisher, columns in (
-            (self._predicted, (piece.motion.q, piece.motion.qd, piece.predicted)),
-            (self._residual, (np.zeros((len(piece.stamps), 0)),) * 2 + (piece.residuals,)),
-        ):
-            if not publisher.get_subscription_count():
-                continue
-            message = JointState(name=names)
-            for stamp, *rows in zip(piece.stamps.tolist(), *columns, strict=True):
-                message.header.stamp = Time(sec=stamp // 10**9, nanosec=stamp % 10**9)
-                message.position, message.velocity, message.effort = (array("d", row.tobytes()) for row in rows)
-                publisher.publish(message)
+    def _publish(self, prediction: EffortPrediction) -> None:
+        motion = prediction.motion
+        empty = np.zeros((len(prediction.stamps), 0))
+        self._publish_rows(self._predicted, prediction, motion.q, motion.qd, prediction.predicted)
+        self._publish_rows(self._residual, prediction, empty, empty, prediction.residuals)
+
+    def _publish_rows(
+        self, publisher: Publisher, prediction: EffortPrediction, positions: Array, velocities: Array, efforts: Array
+    ) -> None:
+        """Publish one message for each row of positions, velocities and efforts (N, n)."""
+        if not publisher.get_subscription_count() or self._dynamics is None:
+            return
+        message = JointState(name=list(self._dynamics.joint_names))
+        rows = zip(prediction.stamps.tolist(), positions, velocities, efforts, strict=True)
+        for stamp, position, velocity, effort in rows:
+            message.header.stamp = to_time_message(stamp)
+            message.position = array("d", position.tobytes())
+            message.velocity = array("d", velocity.tobytes())
+            message.effort = array("d", effort.tobytes())
+            publisher.publish(message)
 
     # Services
 
-    def _on_report(self, _request, response):
+    def _on_report(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
-            found = self._found()
-            response.success, response.message = found.passed, format_check(found)
-        except RobotDynamicsError as error:
-            response.success, response.message = False, str(error)
+            if self._check is None:
+                raise RecordingError(self._setup_error or self._robot.rejection_reason)
+            result = self._check.result()
+            response.message = format_check(result)
+            response.success = result.passed
         except Exception as error:
-            self.get_logger().error(traceback.format_exc())
-            response.success, response.message = False, f"internal error, please report it: {error!r}"
+            response.success = False
+            response.message = failure_reason(self.get_logger(), error)
         return response
 
-    def _found(self):
-        if self._check is None:
-            raise RecordingError(self._trouble or self._robot.rejection_reason)
-        return self._check.result()
-
-    def _on_reset(self, _request, response):
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._dynamics is None:
-            response.success, response.message = False, self._robot.rejection_reason
+            response.success = False
+            response.message = self._robot.rejection_reason
             return response
-        self._heard = self._refused = 0
-        self._last_refusal = ""
-        self._adopt(self._dynamics)
-        response.success, response.message = not self._trouble, self._trouble
+        self._received = 0
+        self._skipped = 0
+        self._last_reason = ""
+        self._restart(self._dynamics)
+        response.success = not self._setup_error
+        response.message = self._setup_error
         return response
 
-    # What it says of itself
+    # Diagnostics
 
-    def _report(self, _elapsed):
-        values = {"messages heard": self._heard, "left out": self._refused, "last reason": self._last_refusal}
+    def _report(self, _elapsed: float) -> tuple[Level, str, str, Values]:
+        values: dict[str, object] = {
+            "messages heard": self._received,
+            "left out": self._skipped,
+            "last reason": self._last_reason,
+        }
+        figures: Mapping[str, object] = check_figures(self._check) if self._check is not None else {}
+        return *self._health(), self._robot.name, {**values, **figures}
+
+    def _health(self) -> tuple[Level, str]:
+        stale = self._stale_names(self._check) if self._check is not None else []
+        return check_health(self._robot, self._check, self._setup_error, stale, self._values["stale_after"])
+
+    def _parts(self) -> Iterator[tuple[str, Level, str, Values]]:
         if self._check is not None:
-            values |= self._figures()
-        return *self._health(), self._robot.name, values
-
-    def _figures(self):
-        check, told = self._check, {}
-        if check.rate is not None:
-            told["rate [1/s]"] = f"{check.rate:.5g}"
-        if check.latest_motion is not None:
-            told["cut-off [Hz]"] = f"{check.latest_motion.cutoff:.3g}"
-            told["compared [s]"] = f"{check.latest_motion.end:.5g}"
-        if check.error_message:
-            told["last stretch"] = check.error_message
-        return {**told, **{f"note {number}": note for number, note in enumerate(check.statistics.sentences, 1)}}
-
-    def _health(self):
-        """(level, message)."""
-        level, message = self._robot.health()
-        if level == ERROR or self._check is None:
-            return ERROR, message if level == ERROR else f"nothing is checked: {self._trouble}"
-        failed = [each.verdict.joint.joint for each in self._check.joint_statuses if each.failed_since is not None]
-        stale = self._stale_names()
-        objections = [
-            f"last change refused: {self._robot.rejection_reason}" if self._robot.rejection_reason else "",
-            f"out of tolerance: {', '.join(failed)}" if failed else "",
-            f"nobody tells of {', '.join(stale)} for {self._values['stale_after']:g} s" if stale else "",
-            "nothing was compared yet" if not self._check.joint_statuses else "",
-            *(f"{each.verdict.joint.joint}: {each.warning}" for each in self._check.joint_statuses if each.warning),
-        ]
-        objections = [text for text in objections if text]
-        level = ERROR if failed else WARN if objections else OK
-        return level, "; ".join(objections) or "efforts fit the model"
-
-    def _parts(self):
-        """Of each joint: (name, level, message, values)."""
-        if self._check is None:
-            return
-        stale = self._stale_names()
-        for standing in self._check.joint_statuses:
-            level, message = _said(standing)
-            verdict = standing.verdict
-            if stale:
-                level, message = STALE, f"no new data; before: {message}"
-            values = {
-                "RMS": f"{verdict.joint.rms:.4g}", "tolerated": f"{verdict.tolerance:.4g}",
-                "bias": f"{verdict.joint.bias:.4g}", "largest": f"{verdict.joint.largest:.4g}",
-                "samples": verdict.joint.samples,
-            }  # fmt: skip
-            if standing.failed_since is not None:
-                values["since [s]"] = _seconds(standing.failed_since)
-            yield verdict.joint.joint, level, message, values
+            yield from joint_parts(self._check, is_stale=bool(self._stale_names(self._check)))
 
 
-def _said(standing):
-    """(level, message) of a Standing."""
-    if standing.failed_since is not None:
-        return ERROR, f"{'; '.join(standing.verdict.failures)}; since {_seconds(standing.failed_since)} s"
-    if standing.warning:
-        return WARN, standing.warning
-    fits = f"RMS {standing.verdict.joint.rms:.3g} where {standing.verdict.tolerance:.3g} is tolerated"
-    if standing.last_failure is not None:
-        first, last = map(_seconds, standing.last_failure)
-        return WARN, f"{fits}; was out of tolerance from {first} to {last} s"
-    return OK, fits
-
-
-def _seconds(stamp):
-    return f"{stamp / 1e9:.2f}"
-
-
-def validate_parameter(name, value):
-    """The value of a parameter in its type. Raises QuestionError."""
-    default, description = PARAMETERS[name]
-    if name == "topics":
-        return tuple(dict.fromkeys(parse_names(name, value)))
-    value = convert_parameter(default, name, value, description)
-    if name in LOWER_BOUNDS and not (LOWER_BOUNDS[name] <= value < 1e6 or (value == 0 and default == 0)):
-        raise InvalidInputError(
-            f"parameter {name} is {value:g}: {LOWER_BOUNDS[name]:g} or more is needed, {description}"
-        )
-    return value
-
-
-def main(arguments=None):
+def main(arguments: list[str] | None = None) -> None:
+    """Run the node."""
     run_node(ReplayCheck, arguments, executor=make_events_executor)

@@ -1,0 +1,135 @@
+"""The motion of a moving base, or of other links, as MultiDOFJointTrajectory and as `Base`."""
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
+
+from robot_dynamics.array_types import Array
+from robot_dynamics.dynamics import Base
+from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.model.robot import Robot
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.codecs.geometry import read_poses, read_twists, write_twist
+from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+
+def read_base(
+    base: MultiDOFJointTrajectory, times: Sequence[int], robot: Robot, namespace: str, at_rest: bool = False
+) -> Base | None:
+    """Return the Base of a MultiDOFJointTrajectory, None for a robot with a fixed base.
+
+    times: time_from_start of each point of the joint trajectory [ns]. at_rest: velocities may be left out. Raises
+    InvalidInputError.
+    """
+    if not robot.moving_base:
+        _require_no_base(robot, base.points or base.joint_names)
+        return None
+    description = f"the base of {robot.name!r}"
+    return read_link_motions(base, times, (robot.base_link,), namespace, description, at_rest)[robot.base_link]
+
+
+def read_link_motions(
+    base: MultiDOFJointTrajectory,
+    times: Sequence[int],
+    links: Sequence[str],
+    namespace: str,
+    description: str,
+    at_rest: bool = False,
+) -> dict[str, Base]:
+    """Return {link: Base} of a MultiDOFJointTrajectory with the motion of links at points at `times` [ns].
+
+    description: name of the links in errors. at_rest: velocities may be left out. Raises InvalidInputError.
+    """
+    names = [resolve_name("base link", name, links, namespace) for name in base.joint_names] or list(links)
+    if sorted(names) != sorted(links):
+        raise InvalidInputError(
+            f"base.joint_names are {', '.join(names)}: each of {', '.join(links)} is needed once, or none of the names"
+        )
+    if len(base.points) != len(times):
+        raise InvalidInputError(
+            f"base.points has {len(base.points)} entries: {description} moves, so its pose and twist are "
+            f"needed at each of {len(times)} points"
+        )
+    has_acceleration = [len(point.accelerations) > 0 for point in base.points]
+    if any(has_acceleration) and not all(has_acceleration):
+        number = has_acceleration.index(False)
+        raise InvalidInputError(f"base.points[{number}].accelerations has 0 entries: give it at all points or at none")
+    for number, (point, time) in enumerate(zip(base.points, times, strict=True)):
+        if to_nanoseconds(point.time_from_start) not in (0, time):
+            raise InvalidInputError(
+                f"base.points[{number}].time_from_start differs from that of the same point of the trajectory"
+            )
+    return {link: _read_entry(base.points, "base.points[{}]", at_rest, k, names) for k, link in enumerate(names)}
+
+
+def read_base_point(point: MultiDOFJointTrajectoryPoint, robot: Robot) -> Base | None:
+    """Return the Base of one MultiDOFJointTrajectoryPoint, None for a robot with a fixed base."""
+    if not robot.moving_base:
+        _require_no_base(robot, point.transforms or point.velocities)
+        return None
+    base = _read_entry([point], "base")
+    return Base(base.pose[0], base.twist[0])
+
+
+def write_base(request: MultiDOFJointTrajectory, accelerations: Array, robot: Robot) -> MultiDOFJointTrajectory:
+    """Return the base of a request completed with accelerations (N, 6)."""
+    message = MultiDOFJointTrajectory(header=request.header, joint_names=request.joint_names or [robot.base_link])
+    message.points = [
+        MultiDOFJointTrajectoryPoint(
+            transforms=point.transforms,
+            velocities=point.velocities,
+            accelerations=[write_twist(acceleration)],
+            time_from_start=point.time_from_start,
+        )
+        for point, acceleration in zip(request.points, accelerations, strict=True)
+    ]
+    return message
+
+
+def _require_no_base(robot: Robot, entries: Collection[object]) -> None:
+    if entries:
+        raise InvalidInputError(f"the base of {robot.name!r} is fixed: leave the field base empty")
+
+
+def _read_entry(
+    points: Sequence[MultiDOFJointTrajectoryPoint],
+    location: str,
+    at_rest: bool = False,
+    entry: int = 0,
+    links: Sequence[str] = ("the base link",),
+) -> Base:
+    """Return the Base of the link number `entry` in points that have one pose, twist and acceleration of each link.
+
+    Twists may be left out if `at_rest`, accelerations in all points.
+    """
+    has_acceleration = any(len(point.accelerations) for point in points)
+    has_twist = not at_rest or any(len(point.velocities) for point in points)
+    fields = ["transforms"]
+    if has_twist:
+        fields.append("velocities")
+    if has_acceleration:
+        fields.append("accelerations")
+    for field in fields:
+        _require_one_of_each_link(points, field, location, links)
+    poses = read_poses([point.transforms[entry] for point in points], location)
+    twists: Array = np.zeros(6)
+    if has_twist:
+        twists = read_twists([point.velocities[entry] for point in points], f"{location}.velocities[{entry}]")
+    accelerations = None
+    if has_acceleration:
+        entries = [point.accelerations[entry] for point in points]
+        accelerations = read_twists(entries, f"{location}.accelerations[{entry}]")
+    return Base(pose=poses, twist=twists, acceleration=accelerations)
+
+
+def _require_one_of_each_link(
+    points: Sequence[MultiDOFJointTrajectoryPoint], field: str, location: str, links: Sequence[str]
+) -> None:
+    for number, point in enumerate(points):
+        count = len(getattr(point, field))
+        if count != len(links):
+            needed = "one is needed" if len(links) == 1 else f"{len(links)} are needed"
+            raise InvalidInputError(
+                f"{location.format(number)}.{field} has {count} entries: {needed}, of {', '.join(links)}"
+            )

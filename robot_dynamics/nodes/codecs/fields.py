@@ -1,0 +1,40 @@
+"""Fields that all messages share: times in integers, fields that must be empty, values that must be finite."""
+
+import numpy as np
+from builtin_interfaces.msg import Duration, Time
+
+from robot_dynamics.array_types import Array
+from robot_dynamics.errors import InvalidInputError
+
+NS_PER_SECOND = 1_000_000_000
+
+
+def to_nanoseconds(time: Time | Duration) -> int:
+    """Return a Time or Duration message in ns."""
+    return int(time.sec * NS_PER_SECOND + time.nanosec)
+
+
+def to_time_message(ns: int) -> Time:
+    """Return a time in ns as a Time message."""
+    return Time(sec=ns // NS_PER_SECOND, nanosec=ns % NS_PER_SECOND)
+
+
+def to_duration_message(ns: int) -> Duration:
+    """Return a duration in ns as a Duration message."""
+    return Duration(sec=ns // NS_PER_SECOND, nanosec=ns % NS_PER_SECOND)
+
+
+def require_empty(message: object, field: str, location: str, reason: str) -> None:
+    """Refuse a message in which a field has values that the request does not use.
+
+    location: name of the message in errors. Raises InvalidInputError.
+    """
+    if len(getattr(message, field)):
+        raise InvalidInputError(f"{location}.{field} has values: {reason}, leave it empty")
+
+
+def require_finite(values: Array, location: str) -> None:
+    """Refuse values with nan or inf; `location` is a format of the first index. Raises InvalidInputError."""
+    invalid = np.argwhere(~np.isfinite(values))
+    if len(invalid):
+        raise InvalidInputError(f"{location.format(invalid[0][0])} is not finite")

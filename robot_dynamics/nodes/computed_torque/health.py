@@ -1,0 +1,51 @@
+"""The diagnostics of computed_torque: its level, and the reasons for it."""
+
+import numpy as np
+
+from robot_dynamics.control.control_law import GRAVITY
+from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
+from robot_dynamics.nodes.robot_source import RobotSource
+
+
+def control_health(
+    robot: RobotSource, loop: ControlLoop | None, refusal: str, clock_conflict: str, deadline_misses: int
+) -> tuple[Level, str]:
+    """Return level and message.
+
+    Parameters
+    ----------
+    loop : None while the node is not configured.
+    refusal : why the node is not configured, or why the last reference was refused; empty for none.
+    clock_conflict : of the simulated time; empty for none.
+    deadline_misses : since the last report.
+    """
+    level, message = robot.health()
+    if level == ERROR:
+        return ERROR, message
+    if loop is None or not loop.is_active:
+        return WARN, refusal or "not active: no efforts are sent"
+    controller = loop.controller
+    if controller.fault:
+        conflict = f"; {clock_conflict}" if clock_conflict else ""
+        return ERROR, f"efforts go to zero: {controller.fault}{conflict}"
+    if not controller.activity:
+        return WARN, "use_sim_time is set, and nothing came on /clock yet"
+    warnings = []
+    if robot.rejection_reason:
+        warnings.append(f"last change refused: {robot.rejection_reason}")
+    if controller.saturated.any():
+        warnings.append(f"at its limit: {', '.join(np.array(loop.law.joints)[controller.saturated])}")
+    if controller.settings.mode != GRAVITY and controller.no_reference_reason:
+        warnings.append(controller.no_reference_reason)
+    if refusal:
+        warnings.append(refusal)
+    if clock_conflict:
+        warnings.append(clock_conflict)
+    if robot.reliability_warning:
+        warnings.append(robot.reliability_warning)
+    if loop.unreported_joint_names:
+        warnings.append(f"no messages on {', '.join(loop.unreported_joint_names)}, taken to be at zero")
+    if deadline_misses:
+        warnings.append(f"{deadline_misses} efforts were late")
+    return (WARN if warnings else OK), "; ".join([controller.activity, *warnings])

@@ -1,0 +1,120 @@
+"""The first part of the demo: calls of a dynamics_server, a table of the results and a picture."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib import pyplot
+from trajectory_msgs.msg import JointTrajectoryPoint
+
+from robot_dynamics.array_types import Array
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.model.loading import load_robot
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.demo.motion import Motion, trajectory_points
+from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+
+POINTS = 401
+PAYLOAD_LINK = "panda_link8"
+PAYLOAD_MASS = 2.0  # [kg]
+PAYLOAD_HEIGHT = 0.1  # [m] beyond the flange
+
+
+class DynamicsClient:
+    """Calls the services of a dynamics_server; raises RobotDynamicsError if a request is refused."""
+
+    def __init__(self, client: ServiceClient, server: str, joint_names: list[str]) -> None:
+        self._client = client
+        self._server = server
+        self._joint_names = joint_names
+
+    def efforts(self, times: Array, q: Array, qd: Array, qdd: Array) -> Array:
+        """Return efforts (N, n) of a motion."""
+        request = InverseDynamics.Request()
+        request.trajectory.joint_names = self._joint_names
+        request.trajectory.points = trajectory_points(times, positions=q, velocities=qd, accelerations=qdd)
+        response = self._call(InverseDynamics, "inverse_dynamics", request)
+        return np.array([point.effort for point in response.trajectory.points])
+
+    def accelerations(self, times: Array, q: Array, qd: Array, efforts: Array) -> Array:
+        """Return accelerations (N, n) of efforts."""
+        request = DirectDynamics.Request()
+        request.trajectory.joint_names = self._joint_names
+        request.trajectory.points = trajectory_points(times, positions=q, velocities=qd, effort=efforts)
+        response = self._call(DirectDynamics, "direct_dynamics", request)
+        return np.array([point.accelerations for point in response.trajectory.points])
+
+    def terms(self, q: Array, qd: Array) -> DynamicsTerms.Response:
+        """Return the terms of the model at one state (n,)."""
+        request = DynamicsTerms.Request(joint_names=self._joint_names)
+        request.state = JointTrajectoryPoint(positions=q.tolist(), velocities=qd.tolist())
+        return self._call(DynamicsTerms, "dynamics_terms", request)
+
+    def set_payload(self, link: str, mass: float, height: float) -> None:
+        """Attach a point mass [kg] to a link, at a height [m] on its z axis."""
+        inertia = mass * height**2
+        payload = {
+            "payload.link": link,
+            "payload.mass": mass,
+            "payload.first_moments": [0.0, 0.0, mass * height],
+            "payload.inertia": [inertia, 0.0, 0.0, inertia, 0.0, 0.0],
+        }
+        result = self._client.set_parameters(self._server, payload)
+        if not result.successful:
+            raise RobotDynamicsError(result.reason)
+
+    def _call(self, kind: type, service: str, request: object) -> Any:
+        response = self._client.call(kind, f"{self._server}/{service}", request)
+        if not response.success:
+            raise RobotDynamicsError(f"{service}: {response.message}")
+        return response
+
+
+def show_services(client: ServiceClient, server: str, motion: Motion, picture: str) -> int:
+    """Print and draw the joint torques of a motion of the Panda.
+
+    Returns the exit status: 0 if direct dynamics returns the accelerations of the motion.
+    """
+    robot = load_robot("panda")
+    names = [joint.name for joint in robot.joints]
+    limits = np.array([joint.limits.effort for joint in robot.joints])
+    times = np.linspace(0, motion.duration, POINTS)
+    q, qd, qdd = motion.sample(times)
+    middle = POINTS // 2
+
+    dynamics = DynamicsClient(client, server, names)
+    unloaded = dynamics.efforts(times, q, qd, qdd)
+    accelerations = dynamics.accelerations(times, q, qd, unloaded)
+    terms = dynamics.terms(q[middle], qd[middle])
+    dynamics.set_payload(PAYLOAD_LINK, PAYLOAD_MASS, PAYLOAD_HEIGHT)
+    loaded = dynamics.efforts(times, q, qd, qdd)
+
+    print(f"\n{POINTS} points of a motion of {motion.duration} s, computed by {server}/inverse_dynamics [N m]\n")
+    print("joint          peak torque   gravity, half way   Coriolis, half way   peak with 2 kg   limit")
+    for k, name in enumerate(names):
+        print(
+            f"{name:<14} {np.abs(unloaded[:, k]).max():11.2f} {terms.gravity[k]:19.2f} {terms.coriolis[k]:20.2f} "
+            f"{np.abs(loaded[:, k]).max():16.2f} {limits[k]:7.0f}"
+        )
+    error = np.abs(accelerations - qdd).max()
+    print(f"\ndirect_dynamics returns these accelerations to {error:.1e} rad/s²")
+    draw(picture, times, unloaded, loaded, names)
+    print(f"picture: {picture}")
+    return 0 if error < 1e-6 else 1
+
+
+def draw(picture: str, times: Array, unloaded: Array, loaded: Array, names: list[str]) -> None:
+    """Draw efforts (N, n) without and with the payload into a file."""
+    figure, axes = pyplot.subplots(2, 4, figsize=(11, 5), sharex=True, layout="constrained")
+    for k, (axis, name) in enumerate(zip(axes.flat, names, strict=False)):
+        axis.plot(times, unloaded[:, k], label="empty")
+        axis.plot(times, loaded[:, k], "--", label=f"with {PAYLOAD_MASS:g} kg at the flange")
+        axis.set_title(name, fontsize=9)
+        axis.grid(alpha=0.3)
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    axes.flat[-1].axis("off")
+    axes.flat[-1].legend(handles, labels, loc="center")
+    figure.supxlabel("time [s]")
+    figure.supylabel("torque [N m]")
+    figure.suptitle("Franka Panda: joint torques of one motion, computed by dynamics_server")
+    figure.savefig(picture, dpi=110)
+    pyplot.close(figure)

@@ -1,0 +1,52 @@
+"""The diagnostics of mobile_base_simulator: its level, and the reason for it."""
+
+from dataclasses import dataclass
+
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
+from robot_dynamics.nodes.robot_source import RobotSource
+
+
+@dataclass(frozen=True)
+class SimulatorStatus:
+    """What the level of a simulator depends on.
+
+    Attributes
+    ----------
+    failure : why nothing is simulated, or why the simulation stopped; empty otherwise.
+    clock_conflict : a second publisher of /clock; empty otherwise.
+    paused_robot : name of the robot of a paused simulation; empty otherwise.
+    commands_timed_out : whether efforts were received, and are no longer valid.
+    skipped_time : how often simulated time was skipped since the last report.
+    refusal : of the last message, if one was refused since the last report; empty otherwise.
+    awaited_topics : names of the topics of the first efforts, while time stands still until they come.
+    """
+
+    failure: str
+    clock_conflict: str
+    paused_robot: str
+    commands_timed_out: bool
+    skipped_time: int
+    refusal: str
+    awaited_topics: tuple[str, ...]
+
+
+def simulator_health(robot: RobotSource, status: SimulatorStatus) -> tuple[Level, str]:
+    """Return level and message."""
+    level, message = robot.health()
+    if status.failure:
+        return ERROR, status.failure
+    if level != OK:
+        return level, message
+    if status.clock_conflict:
+        return WARN, status.clock_conflict
+    if status.paused_robot:
+        return OK, f"paused, {status.paused_robot!r}"
+    if status.commands_timed_out:
+        return WARN, "commands stopped: efforts are zero"
+    if status.skipped_time:
+        return WARN, "the machine is too slow for real_time_factor: simulated time was delayed"
+    if status.refusal:
+        return WARN, f"refused: {status.refusal}"
+    if status.awaited_topics:
+        return WARN, f"time stands still until the first efforts come on {' or '.join(status.awaited_topics)}"
+    return level, message

@@ -1,0 +1,59 @@
+"""The parameters of replay_check."""
+
+from robot_dynamics.checking.live_check import DEFAULT_SPAN
+from robot_dynamics.nodes.parameters import ParameterSpec, by_name
+
+UPPER_BOUND = 1e6  # [s or 1/s] values from here on are refused
+
+PARAMETERS = by_name(
+    ParameterSpec(
+        "topics",
+        "",
+        "names of the topics that tell of the joints; empty: joint_states",
+        list_kind="names",
+        read_at="startup",
+    ),
+    ParameterSpec(
+        "drives",
+        "",
+        "path of a YAML file: motors and their ratios, gains, offsets; see config/drives",
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "tolerances", "", "path of a YAML file; empty: config/tolerances/default.yaml", read_at="configuration"
+    ),
+    ParameterSpec(
+        "cutoff",
+        0.0,
+        "of the low-pass filter [Hz]; 0: 8, or a fifth of the rate",
+        lower_bound=0.1,  # a lower cut-off would keep minutes of samples
+        upper_bound=UPPER_BOUND,
+        special_values=(0.0,),
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "rate",
+        0.0,
+        "of the grid that signals are put on [1/s]; 0: as they come",
+        lower_bound=0.1,
+        upper_bound=UPPER_BOUND,
+        special_values=(0.0,),
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "span",
+        DEFAULT_SPAN,
+        "of time that a verdict is about [s]",
+        lower_bound=1.0,
+        upper_bound=UPPER_BOUND,
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "stale_after",
+        1.0,
+        "time without messages on a joint after which it is stale [s]",
+        lower_bound=0.1,
+        upper_bound=UPPER_BOUND,
+        read_at="configuration",
+    ),
+)
