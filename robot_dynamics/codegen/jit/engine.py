@@ -97,7 +97,9 @@ class Library:
         Addresses of names that the modules use and do not define.
     """
 
-    def __init__(self, modules: Iterable[Module], exports: Iterable[str], imports: Mapping[str, int] | None = None):
+    def __init__(
+        self, modules: Iterable[Module], exports: Iterable[str], imports: Mapping[str, int] | None = None
+    ) -> None:
         modules = list(modules)
         imports = dict(imports or {})
         try:

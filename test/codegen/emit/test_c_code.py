@@ -1,4 +1,4 @@
-"""Programs written as C compile without a warning and compute what a plain interpreter does, and what Python does."""
+"""Generated C compiles without warnings, and agrees with an interpreter of the program and with generated Python."""
 
 import ctypes
 import math
@@ -27,7 +27,7 @@ from robot_dynamics.newton_euler.kinematics import run_forward_pass
 
 
 def installed(*names):
-    """The paths of those commands that are here, each once."""
+    """The distinct paths of the commands that are installed."""
     paths = [path for name in names if (path := shutil.which(name))]
     return list({os.path.realpath(path): path for path in reversed(paths)}.values())[::-1]
 
@@ -59,7 +59,7 @@ pytestmark = pytest.mark.skipif(not COMPILERS, reason="no C compiler is here")
 
 
 def run(*command):
-    """What a command wrote; its errors fail the test."""
+    """The output of a command; its errors fail the test."""
     done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stderr[-3000:]}"
     return done.stdout
@@ -153,7 +153,7 @@ def test_random_programs_agree_with_their_statements(program, samples):
 
 
 def hostile_program(name):
-    """A program in which everything bears the name, or almost."""
+    """A program in which nearly all names are the same."""
     trace = Trace()
     x, p = trace.input(name, 2), trace.parameters([name, name + "_constants"])
     outputs = {name: [x[0].sin() * p[0], x[1].signum()], name + "_setup": x * p[1] * p[0]}

@@ -55,7 +55,7 @@ def compilations(monkeypatch, no_background_work):
 
 def test_modules_are_compiled_once(folder, compilations):
     assert works()
-    assert len(compilations) == 2  # the program, and what checks the arguments of all programs
+    assert len(compilations) == 2  # the program, and the entry point of all programs
     assert works()
     assert len(compilations) == 2
     assert folder.stat().st_mode & 0o777 == 0o700
@@ -148,7 +148,7 @@ def test_cache_directory_follows_the_environment(monkeypatch, tmp_path):
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     assert llvm_cache.cache_directory() == tmp_path / "xdg" / "robot_dynamics"
-    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # which the specification of XDG says to ignore
+    monkeypatch.setenv("XDG_CACHE_HOME", "relative")  # ignored, as the XDG specification says
     assert llvm_cache.cache_directory() == tmp_path / "home" / ".cache" / "robot_dynamics"
 
 

@@ -109,7 +109,7 @@ def test_batches_keep_their_shape(shape):
 
 
 def test_python_batches_accept_inputs_shared_by_all_samples():
-    """As compiled batches do."""
+    """Python batches accept the same shapes as compiled ones."""
     robot = load_robot("ur5e")
     program, core = PythonProgram(MODELS["inverse"](robot)), Dynamics(robot, compiled=False)
     q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 7, 6))

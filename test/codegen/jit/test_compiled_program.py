@@ -29,7 +29,7 @@ BASE_ACCELERATION = np.array([0, 0, GRAVITY, 0, 0, 0])
 
 
 def models(robot):
-    """The program q, qd, qdd -> efforts, accelerations: the second undoes the first, so that it gives qdd again."""
+    """The program q, qd, qdd -> efforts, accelerations, where the accelerations of the efforts are qdd again."""
     size = len(robot.joints)
     trace = Trace()
     q, qd, qdd = (trace.input(name, size) for name in ("q", "qd", "qdd"))
@@ -77,7 +77,7 @@ instructions = st.lists(
 
 
 def random_program(instructions, sizes=(3, 5)):
-    """A program of any operations; what cannot be recorded (a root of a negated expression, ÷ 0) is left out."""
+    """A program of arbitrary operations, except those that cannot be recorded (roots of negated expressions, ÷ 0)."""
     trace = Trace()
     inputs = {f"x{number}": size for number, size in enumerate(sizes)}
     values = [scalar for name, size in inputs.items() for scalar in trace.input(name, size)]
@@ -103,7 +103,7 @@ EPSILON = np.finfo(float).eps
 
 
 def bounded(operation, *operands):
-    """(value, bound of its error) of an operation on such pairs; a bound that is not finite tells nothing."""
+    """(value, bound of its error) of an operation on such pairs; a bound that is not finite is no bound."""
     (a, da), (b, db) = operands if len(operands) == 2 else (*operands, (0.0, 0.0))
     a, b = np.float64(a), np.float64(b)
     if operation == "add" or operation == "subtract":

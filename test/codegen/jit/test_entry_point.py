@@ -1,4 +1,4 @@
-"""The compiled Python function of a program: what it takes, what it refuses, and that nothing makes it crash."""
+"""The compiled Python function of a program: accepted and refused arguments; it never crashes."""
 
 import array
 import ctypes
@@ -19,7 +19,7 @@ pytest.importorskip("llvmlite")
 
 
 def shifted_sums():
-    """a (3,), b (2,) -> total (2, 2), the sums of all entries of b and of the first two of a; order (3,), a turned."""
+    """a (3,), b (2,) -> total (2, 2), sums of entries of b and of the first two of a; order (3,), a rotated."""
     trace = Trace()
     a, b = trace.input("a", 3), trace.input("b", 2)
     return build_program(
@@ -54,11 +54,11 @@ def test_evaluate_with_one_output_or_no_input():
 
 
 class Derived(np.ndarray):
-    """An array type of its own: read by the buffer protocol."""
+    """A derived array type, read through the buffer protocol."""
 
 
 class DerivedSequence(array.array):
-    """One that says of its length what it likes: read by the buffer protocol."""
+    """A derived type with a wrong length, read through the buffer protocol."""
 
     def __len__(self):
         return 10**9
@@ -75,7 +75,7 @@ VIEWS = []
 
 
 def grown(values):
-    """One with room for more, whose numbers have moved."""
+    """An array.array with spare capacity, whose numbers have moved."""
     sequence = array.array("d")
     for value in values:
         sequence.append(value)

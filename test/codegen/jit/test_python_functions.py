@@ -1,4 +1,4 @@
-"""Programs written as Python compute what a plain interpreter does, whatever numbers and names go in."""
+"""Generated Python agrees with an interpreter of the program, for any numbers and names."""
 
 import ast
 import math
@@ -45,18 +45,18 @@ GRAVITY = np.array([0, 0, 9.81, 0, 0, 0])
 
 
 def listed(results, program):
-    """What a generated function returned, as a list of lists."""
+    """The results of a generated function as a list of lists."""
     return [results] if len(program.outputs) == 1 else list(results)
 
 
 def same(actual, expected):
-    """Lists of numbers, equal but for rounding."""
+    """Assert that lists of numbers are equal except for rounding."""
     for values, expected_values in zip(actual, expected, strict=True):
         np.testing.assert_allclose(np.asarray(values), np.asarray(expected_values), rtol=1e-12, atol=1e-12)
 
 
 def module(program):
-    """What the module that python_source writes defines."""
+    """The names that the module of python_source defines."""
     scope = {}
     exec(python_source(program), scope)
     return scope
@@ -104,7 +104,7 @@ def test_random_programs_agree_with_their_statements(program, numbers):
 
 
 def run_setup(setup, program, parameters):
-    """What a setup function returns; its keywords stand in the order of the program's parameters."""
+    """The result of a setup function; its keywords are in the order of the parameters of the program."""
     keywords = setup.__code__.co_varnames[: setup.__code__.co_kwonlyargcount]
     return setup(**dict(zip(keywords, (parameters[name] for name in program.parameters), strict=True)))
 
@@ -149,7 +149,7 @@ def test_models_of_the_panda_agree_with_dynamics(panda):
 
 
 def simple(outputs=lambda x, y: {"sum": x + y}):
-    """A program of two inputs: what `outputs` makes of their Scalars."""
+    """A program with two inputs; `outputs` computes its outputs from their Scalars."""
     trace = Trace()
     x, y = trace.input("x", 2), trace.input("y", 2)
     return build_program(trace, "simple", {"x": 2, "y": 2}, outputs(x, y))

@@ -1,4 +1,4 @@
-"""Sine and cosine of compiled programs, against the C library's in extended precision."""
+"""Sine and cosine of compiled programs agree with the C library in extended precision."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from robot_dynamics.codegen.trace.scalar import Trace
 
 llvm_engine = pytest.importorskip("robot_dynamics.codegen.jit.engine", reason="llvmlite is not installed")
 EXTENDED = np.finfo(np.longdouble).nmant >= 63
-PIECES = 3  # of them the scalar function takes sines and cosines at once, in a wider vector
+PIECES = 3  # angles that the function of one sample computes in one wider vector
 
 
 def sines_and_cosines():
@@ -26,7 +26,7 @@ def functions():
 
 
 def both(functions, angles):
-    """[batch's, evaluate's] (sines, cosines), each as long as the angles, whose number is a multiple of PIECES."""
+    """(sines, cosines) by `batch` and by `evaluate`; the number of angles is a multiple of PIECES."""
     rows = angles.reshape(-1, PIECES)
     single = [functions.evaluate(row) for row in rows]
     return [
@@ -45,7 +45,7 @@ def angles_in_range():
     kinds = [rng.uniform(-limit, limit, 6000) for limit in (1e-8, 1.0, 10.0, 1e3, 1e5, MAX_ANGLE)]
     quarter_turns = np.concatenate([np.arange(1, 4001), rng.integers(1, int(MAX_ANGLE / 1.6), 8000)])
     nearest = (quarter_turns * np.longdouble("1.5707963267948966192313216916397514")).astype(float)
-    kinds += [nearest, np.nextafter(nearest, 0), np.nextafter(nearest, np.inf)]  # where all leading digits cancel
+    kinds += [nearest, np.nextafter(nearest, 0), np.nextafter(nearest, np.inf)]  # all leading digits cancel there
     return np.concatenate([*kinds, [MAX_ANGLE, -MAX_ANGLE, 5e-324]])
 
 

@@ -1,4 +1,4 @@
-"""Gradients of programs by a sweep back are those of finite differences."""
+"""Gradients of programs by reverse accumulation agree with finite differences."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ PROGRAMS = {
 
 
 def differences(program, arrays, weights):
-    """{name: (N, size)} central differences of the weighted sum, input by input."""
+    """Central differences of the weighted sum by each input, {name: (N, size)}."""
     gradients = {}
     for index, name in enumerate(program._inputs):
         gradients[name] = np.zeros_like(arrays[index])
@@ -49,7 +49,7 @@ def test_gradient_agrees_with_finite_differences(name):
 
 
 def test_gradient_of_selected_entries_and_smoothed_signs():
-    """Coulomb friction of the Panda: a step at rest, which has a derivative where it is smoothed."""
+    """Coulomb friction of the Panda is a step at rest, which has a derivative if it is smoothed."""
     program, rng = regressor_model(load_robot("panda")), np.random.default_rng(1)
     arrays = list(rng.uniform(-0.1, 0.1, (3, 4, 7)))
     whole = DifferentiableProgram(program).evaluate(*arrays).outputs
@@ -69,4 +69,4 @@ def test_gradient_of_selected_entries_and_smoothed_signs():
         np.testing.assert_allclose(gradients[key], expected, rtol=0, atol=1e-7)
     of_friction = weights * [1, 0]
     assert smooth.gradient(evaluation, of_friction)["qd"][:, 3].all()
-    assert not few.gradient(few.evaluate(*arrays), of_friction)["qd"].any()  # a step, which has none
+    assert not few.gradient(few.evaluate(*arrays), of_friction)["qd"].any()  # a step has no derivative

@@ -1,4 +1,4 @@
-"""The closed-form rules gather all that can be gathered: as many parameters are left as the regressor has rank."""
+"""The closed-form rules group all parameters: as many remain as the rank of the regressor."""
 
 import itertools
 from dataclasses import replace
@@ -23,7 +23,7 @@ AT_REST = np.array([0, 0, 9.81, 0, 0, 0])
 
 
 def with_random_bodies(robot, rng):
-    """The robot with every inertial parameter another number than zero."""
+    """The robot with no inertial parameter equal to zero."""
     links = [robot.links[0]]
     for link in robot.links[1:]:
         root = rng.normal(size=(3, 3))
@@ -51,7 +51,7 @@ KINDS = ["".join(kinds) for length in (2, 3, 4) for kinds in itertools.product("
 
 
 def chain(kinds, right_angles):
-    """A chain of joints that turn (R) and slide (P), between axes at right angles or at any."""
+    """A chain of revolute (R) and prismatic (P) joints, with axes at right or arbitrary angles."""
     rng = np.random.default_rng([len(kinds), KINDS.index(kinds), right_angles])
     links, joints = [Link("base", Inertia())], []
     for j, kind in enumerate(kinds, start=1):
@@ -67,7 +67,7 @@ def chain(kinds, right_angles):
 
 
 def check_exhaustive(robot, rng):
-    """As many parameters as the regressor of the robot has rank, and the same efforts from them."""
+    """Assert that as many parameters remain as the rank of the regressor, with the same efforts."""
     Y = motions(robot, rng)
     bodies = [k for k, key in enumerate(parameter_names(robot)) if key.split(".")[0] not in ("Ia", "Fv", "Fs")]
     rank = np.linalg.matrix_rank(Y[:, bodies], tol=1e-8 * np.linalg.norm(Y))
@@ -94,7 +94,7 @@ def test_prismatic_links_keep_no_more_parameters_than_the_regressor_rank(kinds, 
 def test_prismatic_links_need_fewer_operations_and_a_moving_base_keeps_its_parameters():
     robot = chain("RPP", False)
     with_rules = inverse_model(robot).operations
-    assert (with_rules.multiplications, with_rules.additions) <= (116, 89)  # 126, 102 with their first moments whole
+    assert (with_rules.multiplications, with_rules.additions) <= (116, 89)  # 126, 102 if first moments are not grouped
     free = replace(robot, moving_base=True)
     few = group_inertial_parameters(free)
     assert all(
@@ -107,7 +107,7 @@ def test_prismatic_links_need_fewer_operations_and_a_moving_base_keeps_its_param
 
 
 def test_independent_columns_give_the_base_parameters_of_the_rx90():
-    """40 of them, rotors counted: the published number; the efforts come from them alone."""
+    """Their number is the published one, 40 with rotor inertias, and the efforts depend on them alone."""
     rng = np.random.default_rng(1)
     robot = load_robot("rx90")
     Y = motions(robot, rng)

@@ -23,7 +23,7 @@ CENTRES = {1: "  z", 2: "x  ", 3: " y ", 4: "  z", 5: " y ", 6: "  z"}  # the ax
 
 
 def renauds_robot(value):
-    """The robot of Renaud's example; value: what a name (`a2`, `m3`, `x2`, `b5`) stands for, a symbol or a number."""
+    """The robot of Renaud's example; `value(name)` returns the symbol or number of a name (`a2`, `m3`, `x2`, `b5`)."""
     links, joints, frames = [Link("mount", Inertia())], [], [Frame("mount", 0, np.eye(4))]
     for j, quarter in enumerate(QUARTERS, start=1):
         d, r = (value(name) if name else 0 for name in LENGTHS.get(j, (None, None)))
@@ -44,7 +44,7 @@ def renauds_robot(value):
 
 
 def recorded(group_parameters):
-    """(trace, arguments of the recursion) with every parameter a symbol, gravity's too."""
+    """(trace, arguments of the recursion) with symbols for all parameters, gravity included."""
     trace = Trace()
     robot = renauds_robot(trace.parameter)
     q, qd, qdd = (trace.input(name, 6) for name in ("q", "qd", "qdd"))
@@ -71,7 +71,7 @@ def traced(group_parameters):
 
 
 def counted_by_step(group_parameters):
-    """({step of the paper: Operations}, all of them), each statement counted in the first step that it serves."""
+    """({step of the paper: OperationCount}, total); each statement counts in the first step that needs it."""
     trace, arguments = recorded(group_parameters)
     motions = augmented.link_motions(*arguments)
     forces, _ = augmented.inverse_dynamics(*arguments, {})
@@ -106,7 +106,7 @@ PAPER = {
 
 
 def test_operations_of_each_step_do_not_exceed_the_paper():
-    """Printed beside the paper's table, from which steps 7 and 9 are taken together."""
+    """Print the counts beside the table of the paper, with steps 7 to 9 in one."""
     steps, whole = counted_by_step(group_parameters=False)
     print("step            here     paper")
     for step, operations in steps.items():
@@ -126,7 +126,7 @@ def test_operations_of_each_step_do_not_exceed_the_paper():
     ids=["augmented", "gathered"],
 )
 def test_inverse_model_operations_do_not_exceed_the_paper(group_parameters, multiplications, additions):
-    """Table of the example: 181 × and 127 +; with the parameters gathered 164 × and 115 +."""
+    """Table of the example: 181 × and 127 +; with grouped parameters 164 × and 115 +."""
     operations = traced(group_parameters).operations
     print(
         f"Renaud's 6R, {'grouped' if group_parameters else 'augmented'}: {operations}; "
