@@ -133,7 +133,7 @@ def random_arguments(looped, rng, prescribed_base=False):
 
 @pytest.mark.parametrize("seed", range(60))
 def test_multipliers_agree_with_pinocchio(seed):
-    """Both models of random robots, to 1e-9: redundant loops, elastic and mimic joints, wrenches, free or moved base."""
+    """Both models of random robots, to 1e-9: redundant loops, elastic and mimic joints, wrenches, any base."""
     looped = random_loops(seed)
     rng = np.random.default_rng([seed, 8])
     maximal, pinocchio = MaximalCoordinates(looped.robot), PinocchioLoops(looped.robot)

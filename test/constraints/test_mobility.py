@@ -259,7 +259,7 @@ loops:
 
 
 @pytest.mark.parametrize(
-    ("rpy", "said"),
+    ("rpy", "message"),
     [
         ("", r"and 1\.57 rad apart; the axis of the joint at which a loop is cut is z of both its frames"),
         (", rpy: [0, pi/2, 0]", r"and 3\.14 rad apart; the axis of the joint at which a loop is cut is z of both"),
