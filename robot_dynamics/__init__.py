@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from robot_dynamics.flexible.elastodynamics import Elastodynamics, NaturalFrequencies
     from robot_dynamics.flexible.flexible_arm import FlexibleArm, FlexibleDynamicsResult
     from robot_dynamics.flexible.frequency_map import FrequencyMap, frequency_map
-    from robot_dynamics.identification.base_parameters import BaseParameters, base_parameters
+    from robot_dynamics.identification.base_parameters import BaseParameters, compute_base_parameters
     from robot_dynamics.inputs import Base
     from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
     from robot_dynamics.model.formats.par.writer import write_par
@@ -70,7 +70,7 @@ __all__ = [
     "SingularModelError",
     "Spring",
     "Wheel",
-    "base_parameters",
+    "compute_base_parameters",
     "frequency_map",
     "load_robot",
     "pose_map",
@@ -104,7 +104,7 @@ _MODULES = {
     "SimulationState": "simulation.state",
     "Spring": "model.joint",
     "Wheel": "simulation.wheels",
-    "base_parameters": "identification.base_parameters",
+    "compute_base_parameters": "identification.base_parameters",
     "frequency_map": "flexible.frequency_map",
     "load_robot": "model.loading",
     "pose_map": "parallel.pose_map",

@@ -1,4 +1,4 @@
-"""Import of packages that only some tasks need. Where one is missing, the error contains the command that installs it."""
+"""Import of packages that only some tasks need; where one is missing, the error has the command that installs it."""
 
 from importlib import import_module
 from types import ModuleType

@@ -137,7 +137,7 @@ def test_shipped_robots_are_listed_without_yourdfpy():
         (
             "clarabel",
             ["identify", "CSV", "--robot", "rx90", "--output", "NEW.yaml"],
-            "finding inertias that bodies can have needs clarabel, which is not installed: pip install clarabel",
+            "computing physically consistent inertias needs clarabel, which is not installed: pip install clarabel",
         ),
         (
             "distributed",

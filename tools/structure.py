@@ -19,7 +19,7 @@ VAGUE_WORDS = frozenset("told found asked everyone answer answers question quest
 """Words that name no quantity of the field; identifiers are counted that contain one of them."""
 
 SHARED_FILE_NAMES = frozenset(
-    "__init__.py __main__.py node.py parameters.py inputs.py outputs.py reader.py writer.py document.py evaluator.py".split()
+    f"{name}.py" for name in "__init__ __main__ node parameters inputs outputs reader writer document evaluator".split()
 )
 """Names that several folders may use, because the folder says of what: one folder a node, one folder a format."""
 

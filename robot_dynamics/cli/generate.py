@@ -71,7 +71,7 @@ def _entry_names(model: str, robot: Robot) -> tuple[Sequence[str], NamedVectors]
     if model == "closure":
         variables = tuple(joint.name for joint in robot.joints if joint.mimic is None)
         dependent = tuple(name for name in variables if name in dynamics.dependent_joint_names)
-        return (), (("Joints of q, by the place of their entry", variables), ("Joints of step", dependent))
+        return (), (("Joints of q, by index", variables), ("Joints of step", dependent))
     return dynamics.joint_names, (("q has all joints, at positions that close the loops", dynamics.all_joint_names),)
 
 

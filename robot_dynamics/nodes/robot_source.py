@@ -41,15 +41,15 @@ PARAMETERS = by_name(
     ParameterSpec(
         "robot_file",
         "",
-        "path of a URDF, an MDH table or a .par, or the name of a robot that ships. "
-        "Where this and robot_description are empty, the topic robot_description is listened to",
+        "path of a URDF, an MDH table or a .par, or the name of a robot that ships. Where this and "
+        "robot_description are empty, the topic robot_description is used",
         read_at="configuration",
     ),
-    ParameterSpec("base", "", "fixed or moving; empty: as the description says", read_at="configuration"),
+    ParameterSpec("base", "", "fixed or moving; empty: as in the description", read_at="configuration"),
     ParameterSpec(
         "gravity",
         "",
-        "x, y, z in the world [m/s^2]; empty: as the description says, else the Earth's",
+        "x, y, z in the world [m/s^2]; empty: as in the description, else the Earth's",
         list_kind="numbers",
         size=3,
         read_at="configuration",

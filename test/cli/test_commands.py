@@ -211,9 +211,9 @@ def test_generated_code_of_a_robot_with_loops_names_the_entries_of_q(lang, tmp_p
     )
     all_entries = ", ".join(f"{index} {name}" for index, name in enumerate(dynamics.all_joint_names))
     dependent_entries = ", ".join(f"{index} {name}" for index, name in enumerate(dynamics.dependent_joint_names))
-    assert "Joints, by the place of their entry: 0 crank." in printed
+    assert "Joints, by index: 0 crank." in printed
     assert f"q has all joints, at positions that close the loops: {all_entries}." in printed
-    assert f"Joints of q, by the place of their entry: {all_entries}. Joints of step: {dependent_entries}." in closure
+    assert f"Joints of q, by index: {all_entries}. Joints of step: {dependent_entries}." in closure
 
 
 def test_generate_refuses_missing_or_meaningless_options(tmp_path, capsys):

@@ -17,7 +17,7 @@ from robot_dynamics.nodes.computed_torque.node import ComputedTorque
 from robot_dynamics.nodes.dynamics_server.node import DynamicsServer
 from robot_dynamics_interfaces.srv import InverseDynamics
 
-from .service_requests import panda_request
+from .service_requests import inverse
 
 PACKAGE = Path(robot_dynamics.__file__).parent
 ARCHITECTURE = Path(__file__).parents[2] / "docs" / "architecture.md"
@@ -70,7 +70,7 @@ def node_of(ros):
 def test_request_of_inverse_dynamics(node_of):
     node = node_of(DynamicsServer)
     (service,) = [service for service in node.services if service.srv_name.endswith("inverse_dynamics")]
-    request, responses = panda_request(), []
+    request, responses = inverse(), []
     check("request", files_passed(lambda: responses.append(service.callback(request, InverseDynamics.Response()))))
     assert responses[0].success and len(responses[0].trajectory.points[0].effort) == 7
 

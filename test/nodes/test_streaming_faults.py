@@ -159,7 +159,8 @@ def test_repeated_deadline_misses_lead_to_zero_efforts(probe):
     probe.stream_until(lambda: held(probe), "efforts")
     assert probe.set_parameters(deadline=1e-4, deadline_misses=5).successful  # [s], no message is that fast
     probe.stream_until(
-        lambda: probe.has_diagnostic("efforts go to zero: the last 5 states were answered later than 0.1 ms"), "it"
+        lambda: probe.has_diagnostic("efforts go to zero: the efforts for the last 5 states were later than 0.1 ms"),
+        "it",
     )
     probe.stream_until(lambda: zeros(probe), "zeros")
     assert probe.set_parameters(deadline=TOLD["deadline"]).successful

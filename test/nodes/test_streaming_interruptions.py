@@ -329,7 +329,7 @@ def test_standstill_of_the_node_sends_no_stale_efforts(bench, client):
             rounds.append(text)
             wrong += [f"round {k}: {fault}: {text}" for fault in faults]
     assert not wrong, "\n".join(wrong)
-    values = bench.diagnosis(client, "it was dropped as efforts went to zero: ")
+    values = bench.diagnosis(client, "it was dropped when efforts went to zero: ")
     assert int(values["standstills"]) >= int(before["standstills"]) + ROUNDS
 
 

@@ -174,7 +174,7 @@ def test_invalid_platform_arguments_are_refused():
         platform.inverse(poses, {**twists, "lower": np.zeros(5)})
     with pytest.raises(InvalidInputError, match="give acceleration or efforts"):
         platform.solve(poses, twists)
-    with pytest.raises(InvalidInputError, match=r"has 2 platforms \(lower, upper\): say which"):
+    with pytest.raises(InvalidInputError, match=r"has 2 platforms \(lower, upper\): name one of them"):
         _ = dynamics.robot.platform
     with pytest.raises(InvalidInputError, match="positions of other joints has shape"):
         dynamics.platforms["upper"].joint_positions(poses["upper"], other_joints=[np.zeros(5)])

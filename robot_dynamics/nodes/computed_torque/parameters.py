@@ -53,7 +53,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "effort_limits",
         "",
-        "most that is sent to each joint [N m or N]; empty: as the description says",
+        "maximum effort of each joint [N m or N]; empty: limits of the description",
         list_kind="numbers",
         lower_bound=0.0,
         upper_bound=None,
@@ -61,29 +61,29 @@ PARAMETERS = by_name(
     ParameterSpec(
         "without_reference",
         "damp",
-        "what is done while no reference is there: gravity, damp or zero",
+        "behaviour without a reference: gravity, damp or zero",
         choices=tuple(NO_REFERENCE_ACTIONS),
     ),
     ParameterSpec(
         "ramp_time",
         0.1,
-        "in which efforts go to zero after a fault, or over to others after a change [s]",
+        "time in which efforts go to zero after a fault, or change after a parameter change [s]",
         lower_bound=0.0,
     ),
     ParameterSpec("state_timeout", 0.02, "age at which joint_states are stale [s]", lower_bound=SHORTEST_TIME),
     ParameterSpec(
-        "reference_timeout", 0.1, "how long a point of ~/reference_point counts [s]", lower_bound=SHORTEST_TIME
+        "reference_timeout", 0.1, "how long a point of ~/reference_point is valid [s]", lower_bound=SHORTEST_TIME
     ),
     ParameterSpec(
-        "deadline", 0.005, "age of joint_states at which their efforts are out too late [s]", lower_bound=SHORTEST_TIME
+        "deadline", 0.005, "age of joint_states from which their efforts count as late [s]", lower_bound=SHORTEST_TIME
     ),
-    ParameterSpec("deadline_misses", 10, "late efforts in a row that are a fault", lower_bound=1),
+    ParameterSpec("deadline_misses", 10, "number of consecutive late efforts that is a fault", lower_bound=1),
     ParameterSpec(
         "allow_massless",
         False,
         "control a robot whose description has no masses: friction alone is then compensated",
     ),
-    ParameterSpec("state_rate", 50.0, "at which ~/state is published, at most [1/s]; 0: never", lower_bound=0.0),
+    ParameterSpec("state_rate", 50.0, "maximum rate of ~/state [1/s]; 0: never", lower_bound=0.0),
     ParameterSpec("autostart", True, "configure and activate the node when it has a robot", read_at="configuration"),
 )
 

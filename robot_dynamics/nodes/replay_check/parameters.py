@@ -9,7 +9,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "topics",
         "",
-        "names of the topics that tell of the joints; empty: joint_states",
+        "names of the topics with joint states; empty: joint_states",
         list_kind="names",
         read_at="startup",
     ),
@@ -25,7 +25,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "cutoff",
         0.0,
-        "of the low-pass filter [Hz]; 0: 8, or a fifth of the rate",
+        "cut-off frequency of the low-pass filter [Hz]; 0: 8, or a fifth of the rate",
         lower_bound=0.1,  # a lower cut-off would keep minutes of samples
         upper_bound=UPPER_BOUND,
         special_values=(0.0,),
@@ -34,7 +34,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "rate",
         0.0,
-        "of the grid that signals are put on [1/s]; 0: as they come",
+        "rate to which signals are resampled [1/s]; 0: that of the messages",
         lower_bound=0.1,
         upper_bound=UPPER_BOUND,
         special_values=(0.0,),
@@ -43,7 +43,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "span",
         DEFAULT_SPAN,
-        "of time that a verdict is about [s]",
+        "time span of a verdict [s]",
         lower_bound=1.0,
         upper_bound=UPPER_BOUND,
         read_at="configuration",

@@ -136,7 +136,7 @@ def test_invalid_inputs_are_refused_as_by_the_recursions():
         fast.inverse(q, q, q, base=Base())
     with pytest.raises(InvalidInputError, match="unknown link 'nowhere'"):
         fast.inverse(q, q, q, external_wrenches={"nowhere": np.zeros(6)})
-    with pytest.raises(InvalidInputError, match="is no finite number"):
+    with pytest.raises(InvalidInputError, match="is not a finite number"):
         fast.inverse(q, np.full(6, 1e200), q)
     with pytest.raises(InvalidInputError, match="unknown model 'inverted'"):
         fast.compile("inverted")
