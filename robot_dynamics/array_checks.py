@@ -1,12 +1,16 @@
 """Checks of the arrays that users pass in and get back, below all algorithms so that each of them can use them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MAX_PRINTED_LENGTH = 80
 

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, PythonProgram, available_models
-from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
 from robot_dynamics.codegen.program_calls import evaluate_model
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
@@ -16,11 +14,16 @@ from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
 from robot_dynamics.inputs import Base
 from robot_dynamics.joint_dynamics import JointDynamics
-from robot_dynamics.model.platform import Platform
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms
 from robot_dynamics.results import DynamicsResult, Equilibrium
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.codegen.jit.python_program import PythonProgram
+    from robot_dynamics.model.platform import Platform
 
 __all__ = ["BASE_ROWS", "Base", "Dynamics", "DynamicsResult", "Equilibrium"]
 

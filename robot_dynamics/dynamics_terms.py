@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.charted_regressor import independent_regressor
 from robot_dynamics.constraints.mixed_dynamics import RobotState
 from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.inputs import Base, BaseState, ExternalWrenches, base_state, common_batch_shape, link_wrenches
+from robot_dynamics.inputs import base_state, common_batch_shape, link_wrenches
 from robot_dynamics.joint_coordinates import JointCoordinates
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters
 from robot_dynamics.newton_euler.screw import apply_transposed
 from robot_dynamics.newton_euler.walker_orin import bias, inertia_matrix
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.inputs import Base, BaseState, ExternalWrenches
 
 
 @dataclass(frozen=True, eq=False)

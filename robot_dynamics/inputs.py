@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from robot_dynamics.array_checks import require_finite
-from robot_dynamics.array_types import Array, ArrayLike
+from robot_dynamics.array_types import ArrayLike
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.newton_euler.screw import apply_transposed, wrench_to_antecedent
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
 
 ROTATION_TOLERANCE = 1e-6

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON, require_finite
-from robot_dynamics.model.robot import Robot
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.model.robot import Robot
 
 
 class JointCoordinates:

@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
-from robot_dynamics.dynamics_terms import DynamicsTerms, ModelState
+from robot_dynamics.dynamics_terms import DynamicsTerms
 from robot_dynamics.errors import InvalidInputError, SingularModelError
-from robot_dynamics.inputs import Base, ExternalWrenches
 from robot_dynamics.model.placement import invert_placement
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.equilibrium import find_equilibrium
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
@@ -24,8 +21,12 @@ from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, refuse_unbalanced
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.dynamics_terms import ModelState
+    from robot_dynamics.inputs import Base, ExternalWrenches
+    from robot_dynamics.model.robot import Robot
 
 
 class JointDynamics(DynamicsTerms):

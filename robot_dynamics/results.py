@@ -1,14 +1,18 @@
 """Results of the dynamic models as arrays, and the refusal of states that have no result."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from robot_dynamics.array_checks import refuse_overflow
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import SingularModelError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
 
 EQUILIBRIUM_TOLERANCE = 1e-9
 """Residual forces allowed in an equilibrium, as a fraction of the weights, wrenches and spring forces."""

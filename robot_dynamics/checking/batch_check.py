@@ -1,22 +1,30 @@
 """Many recordings of one robot: each is checked by itself, in this process or another, and all are summarized."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.checking.check import CheckResult, PieceCallback, Predictor, check
-from robot_dynamics.checking.faults import Evidence, Fault
-from robot_dynamics.checking.tolerances import Tolerances
-from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.checking.check import Predictor, check
+from robot_dynamics.checking.faults import Evidence
 from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.recordings.drives import Drives
-from robot_dynamics.recordings.joint_motions import Motion
-from robot_dynamics.recordings.recording import ProgressWrapper, Recording, moving_base_link, open_recording
+from robot_dynamics.recordings.recording import moving_base_link, open_recording
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.checking.check import CheckResult, PieceCallback
+    from robot_dynamics.checking.faults import Fault
+    from robot_dynamics.checking.tolerances import Tolerances
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.recording import ProgressWrapper, Recording
 
 
 @dataclass(frozen=True, eq=False)

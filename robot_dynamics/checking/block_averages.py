@@ -1,8 +1,13 @@
 """Means over blocks of samples that grow with the stream: a stream of any length in bounded memory."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import Array
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 
 class BlockAverages:

@@ -1,23 +1,28 @@
 """A recording against the model of a robot: measured efforts against those that `Dynamics` predicts, with a verdict for
 each joint and the times that are out of tolerance."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.checking.comparison import Comparison, JointComparison
-from robot_dynamics.checking.tolerances import Tolerances
-from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.checking.comparison import Comparison
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.model.robot import Robot
-from robot_dynamics.recordings.drives import Drives
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.position_limits import note_limit_violations
-from robot_dynamics.recordings.recording import ProgressWrapper, Recording
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
+
+if TYPE_CHECKING:
+    from robot_dynamics.checking.comparison import JointComparison
+    from robot_dynamics.checking.tolerances import Tolerances
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.recording import ProgressWrapper, Recording
 
 OPPOSITE_CORRELATION = -0.9  # below it, a sign is probably wrong
 CLOSE_CORRELATION = 0.98  # above it, a scale other than 1 is probably a wrong unit or ratio

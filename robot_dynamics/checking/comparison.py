@@ -1,12 +1,16 @@
 """Measured against predicted efforts, joint by joint, over a recording of any length: sums, not samples, are kept."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.recordings.joint_motions import Motion
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.joint_motions import Motion
 
 WINDOW = 1.0  # [s] duration of the windows whose residuals are checked by themselves
 MAX_PLOT_SAMPLES = 4000  # samples kept for figures

@@ -1,14 +1,19 @@
 """Signals that faults are found in: residuals on a grid, their predictors, and the samples that count."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.recordings.signals import lowpass
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
 
 SMOOTHING_RATIO = 0.5  # of the cut-off: smooths predictions, as the friction of real robots reverses smoothly
 MAX_SMOOTHING_BAND = 0.4  # of the rate; with a higher band samples are means over more than the filter smooths
@@ -45,7 +50,7 @@ class FaultSignals:
     valid: BoolArray
 
     @classmethod
-    def from_rows(cls, rows: Array, cutoff: float) -> "FaultSignals":
+    def from_rows(cls, rows: Array, cutoff: float) -> FaultSignals:
         """Make the signals from stacked samples.
 
         Parameters
@@ -96,7 +101,7 @@ class FaultSignals:
         noise = np.maximum(np.sqrt((quiet**2).mean(axis=0)), self.min_noise)
         return WhiteningFilter(np.ones((len(noise), 1)), self.valid[:, None] / noise)
 
-    def with_fitted_response(self, unexplained: Array) -> "FaultSignals":
+    def with_fitted_response(self, unexplained: Array) -> FaultSignals:
         """The signals with the response of the joints to their predictions, fitted to unexplained residuals (N, n).
 
         The predicted efforts some time before and after a sample have the same coefficient, so that the response

@@ -7,22 +7,26 @@ Then the filter that whitens the noise, and the response of the joints to predic
 without this fault, and the test is repeated.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.checking.block_averages import BlockAverages
-from robot_dynamics.checking.check import Predictor
 from robot_dynamics.checking.fault_signals import FaultSignals
 from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.linear import solve_each
-from robot_dynamics.recordings.joint_motions import Motion
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.checking.check import Predictor
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.recordings.joint_motions import Motion
 
 MAX_SAMPLES = 40_000  # kept in memory; longer recordings are averaged over blocks
 SAMPLES_PER_PERIOD = 6  # of the cut-off

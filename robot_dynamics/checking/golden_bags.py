@@ -1,17 +1,21 @@
 """Golden bags: predicted efforts written as a bag, to plot beside the measured ones, or to compare with after a change
 of model or software."""
 
+from __future__ import annotations
+
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.bags import JOINT_STATE, Bag, import_rosbag2, load_typestore
-from robot_dynamics.recordings.joint_motions import Motion
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.recordings.joint_motions import Motion
 
 TOPIC = "/predicted_effort"
 STAMP_TOLERANCE = 1_000  # [ns] between stamps that are the same
@@ -43,7 +47,7 @@ class GoldenWriter:
         self._writer: Any = None  # of rosbags, which may be missing
         self._connection: object = None
 
-    def __enter__(self) -> "GoldenWriter":
+    def __enter__(self) -> GoldenWriter:
         rosbag2 = import_rosbag2()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -4,23 +4,31 @@ The filter without delay uses later samples. Predictions therefore follow their 
 periods of the cut-off (0.75 s at 8 Hz), plus the new part of a piece; verdicts follow when their window is complete.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.checking.check import CheckResult, Predictor
-from robot_dynamics.checking.status_tracker import JointStatus, StatusTracker
-from robot_dynamics.checking.tolerances import Tolerances
-from robot_dynamics.dynamics import Dynamics
+from robot_dynamics.checking.status_tracker import StatusTracker
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.alignment import Resampler, SignalSegment
-from robot_dynamics.recordings.drives import Drives
-from robot_dynamics.recordings.joint_motions import Motion, MotionFilter
-from robot_dynamics.recordings.joint_samples import JointSample
+from robot_dynamics.recordings.alignment import Resampler
+from robot_dynamics.recordings.joint_motions import MotionFilter
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.checking.status_tracker import JointStatus
+    from robot_dynamics.checking.tolerances import Tolerances
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.alignment import SignalSegment
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.joint_samples import JointSample
 
 DEFAULT_SPAN = 5.0  # [s] of the latest samples that verdicts refer to
 PIECE_MARGINS = 2.4  # length of a piece in margins of the filter: 0.3 s of it are new at 8 Hz

@@ -1,18 +1,23 @@
 """The state of each joint over the latest windows of a stream of motions, and the times out of tolerance."""
 
+from __future__ import annotations
+
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.checking.check import FailedSegment, Verdict, compute_verdicts, effort_limits
+from robot_dynamics.checking.check import compute_verdicts, effort_limits
 from robot_dynamics.checking.comparison import WINDOW, Comparison
-from robot_dynamics.checking.tolerances import Tolerances
-from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.recordings.joint_motions import Motion
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.checking.check import FailedSegment, Verdict
+    from robot_dynamics.checking.tolerances import Tolerances
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.joint_motions import Motion
 
 HISTORY_WINDOWS = 3600  # windows whose sums are kept for the segments out of tolerance
 

@@ -5,14 +5,19 @@ residual of a sample from those before it. Its prediction errors are white, so t
 the variance of noise.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from robot_dynamics.array_types import Array, BoolArray
+from robot_dynamics.array_types import Array
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import BoolArray
 
 AUTOREGRESSION_ORDER = 4
 VARIANCE_FLOOR = 1e-3  # part of the variance of residuals that is taken as white at least
@@ -32,7 +37,7 @@ class WhiteningFilter:
         self.weights = weights
 
     @classmethod
-    def fit(cls, residuals: Array, valid: BoolArray, min_noise: Array) -> "WhiteningFilter":
+    def fit(cls, residuals: Array, valid: BoolArray, min_noise: Array) -> WhiteningFilter:
         """Fit filters to residuals (N, n) on valid samples (N,); min_noise: (n,) least standard deviation."""
         count = int(valid.sum())
         fits = [_fit_autoregression(np.where(valid, column, 0), count) for column in residuals.T]

@@ -5,10 +5,13 @@ The robot stays the same. Properties that the target format cannot express are e
 their links, and comments are dropped.
 """
 
+from __future__ import annotations
+
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.output_files import check_ending, write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
@@ -16,7 +19,9 @@ from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 from robot_dynamics.model.formats.par import writer as par_writer
 from robot_dynamics.model.formats.urdf import writer as urdf_writer
 from robot_dynamics.model.mdh_table import build_mdh_table
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
 
 NAME = "convert"
 WRITERS: dict[str, Callable[[Robot, bool], str]] = {

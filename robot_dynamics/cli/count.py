@@ -5,10 +5,14 @@ not count.
 """
 
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
-from robot_dynamics.cli.text_table import Cell, print_table
+from robot_dynamics.cli.text_table import print_table
 from robot_dynamics.codegen.jit.compiled_models import available_models
+
+if TYPE_CHECKING:
+    from robot_dynamics.cli.text_table import Cell
 
 NAME = "count"
 HEADER = ["model", "×", "+ -", "÷", "sin cos", "√", "sign"]

@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.cli.output_files import check_ending, check_writable, output_file, write_text
 from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
 from robot_dynamics.cli.progress import progress_bar
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
-from robot_dynamics.cli.text_table import Cell, print_table
+from robot_dynamics.cli.text_table import print_table
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
@@ -29,6 +28,8 @@ from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.platform_dynamics import check_coordinate, coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.cli.text_table import Cell
     from robot_dynamics.flexible.elastodynamics import NaturalFrequencies
 
 NAME = "frequencies"

@@ -12,11 +12,11 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.flexible.frequency_map import FrequencyMap
 
 FRAMES = 24  # of the animation of a mode

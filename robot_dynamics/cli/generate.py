@@ -5,10 +5,12 @@ inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), regress
 the file describes the inputs and outputs. Two robots in one program need two prefixes.
 """
 
+from __future__ import annotations
+
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
@@ -16,10 +18,12 @@ from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
 from robot_dynamics.codegen.jit.compiled_models import MODELS, available_models
 from robot_dynamics.codegen.trace.models import pose_model
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.model.robot import Robot
 
 NAME = "generate"
 MODELS_WITH_WRENCHES = ("inverse", "direct")

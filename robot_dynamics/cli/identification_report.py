@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
-from robot_dynamics.cli.text_table import Cell, print_table, round_to_digits
+from robot_dynamics.cli.text_table import print_table, round_to_digits
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.cli.text_table import Cell
     from robot_dynamics.identification.drive_gains import DriveGains
     from robot_dynamics.identification.fitting import Fit
     from robot_dynamics.identification.sample_sums import FitQuality

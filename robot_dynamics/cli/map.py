@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.cli.output_files import check_ending, check_writable, output_file
 from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
 from robot_dynamics.cli.progress import progress_bar
@@ -25,6 +24,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS, pose_map
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.parallel.pose_map import PoseMap
 

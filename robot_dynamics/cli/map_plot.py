@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
 
+    from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.parallel.pose_map import PoseMap
 

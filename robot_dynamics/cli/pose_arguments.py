@@ -1,12 +1,17 @@
 """Coordinates and joint positions on the command line: NAME=VALUE,... and NAME:FROM:TO:COUNT,..."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.model.platform import COORDINATES
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MAX_GRID_POINTS = 2000  # values of one coordinate
 PLATFORM_COORDINATE = "coordinate of a platform"

@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
 from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
-from robot_dynamics.cli.text_table import Cell, format_table, print_table, round_to_digits
+from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
 from robot_dynamics.errors import RecordingError
 
 if TYPE_CHECKING:
     from robot_dynamics.checking.batch_check import CheckOptions, JointSummary, Outcome
     from robot_dynamics.checking.check import CheckResult
+    from robot_dynamics.cli.text_table import Cell
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.drives import Drives
 

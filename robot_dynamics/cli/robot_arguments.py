@@ -1,13 +1,18 @@
 """Arguments of the verbs that read a robot description."""
 
+from __future__ import annotations
+
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.loading import has_urdf, read_description, read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
 
 MOVING_BASE_CHOICES: dict[str | None, bool | None] = {"fixed": False, "moving": True, None: None}
 MAX_SNAP_ANGLE = 0.1  # [rad]

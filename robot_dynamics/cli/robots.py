@@ -2,10 +2,14 @@
 
 import sys
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
-from robot_dynamics.cli.text_table import Cell, print_table
+from robot_dynamics.cli.text_table import print_table
 from robot_dynamics.errors import MissingPackageError
 from robot_dynamics.model.loading import load_robot, shipped_robots
+
+if TYPE_CHECKING:
+    from robot_dynamics.cli.text_table import Cell
 
 NAME = "robots"
 

@@ -3,20 +3,26 @@
 Units are SI: m, rad, kg, N m. Angles are printed as multiples of pi where possible.
 """
 
+from __future__ import annotations
+
 from argparse import ArgumentParser, Namespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
-from robot_dynamics.cli.text_table import Cell, format_cell, print_table
+from robot_dynamics.cli.text_table import format_cell, print_table
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import format_angle
 from robot_dynamics.model.mdh_table import build_mdh_table
 from robot_dynamics.model.placement import roll_pitch_yaw
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.kinematics import link_placements
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.cli.text_table import Cell
+    from robot_dynamics.model.robot import Robot
 
 NAME = "show"
 PLACEMENT_HEADER = ["on link", "x", "y", "z", "roll", "pitch", "yaw"]

@@ -1,16 +1,23 @@
 """Calls of compiled programs by Dynamics: the arguments of a program, and its first result."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike
-from robot_dynamics.codegen.jit.compiled_models import CompiledModels, ProgramKey, RunnableProgram
-from robot_dynamics.codegen.trace.models import BASE_ARGUMENTS
-from robot_dynamics.inputs import Base, base_state, common_batch_shape, require_finite
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.codegen.jit.program_key import ProgramKey
+from robot_dynamics.codegen.trace.model_arguments import BASE_ARGUMENTS
+from robot_dynamics.inputs import base_state, common_batch_shape, require_finite
 from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.codegen.jit.compiled_models import CompiledModels, RunnableProgram
+    from robot_dynamics.inputs import Base
+    from robot_dynamics.model.robot import Robot
 
 
 def evaluate_model(

@@ -1,8 +1,10 @@
 """Closed positions in a chosen assembly mode: nearest to a seed, or the mode of the reference positions."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -10,7 +12,9 @@ from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.branch_tracker import MAX_STRIDE, BranchTracker, ClosureResult
 from robot_dynamics.constraints.mobility import close_by_moving
 from robot_dynamics.constraints.newton_iteration import MAX_STEP
-from robot_dynamics.constraints.topology import ConstraintTopology
+
+if TYPE_CHECKING:
+    from robot_dynamics.constraints.topology import ConstraintTopology
 
 SHORT_STRIDE = MAX_STRIDE / 5
 """Longest stride [rad or characteristic lengths] where MAX_STRIDE leads to a wrong branch."""

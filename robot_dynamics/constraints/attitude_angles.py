@@ -1,8 +1,13 @@
 """Rotations and their yaw, pitch and roll: R = Rz(ψ) Ry(θ) Rx(φ)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import Array
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 VERTICAL_PITCH_COSINE = 1e-14
 """Cosine of pitch below which yaw is rounding."""

@@ -14,14 +14,16 @@ The rate of pitch is that of the chart. In a tree the chart has the same six joi
 joint that depends on the positions, and with yaw and pitch zero: the recursions take it as any other robot.
 """
 
+from __future__ import annotations
+
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray, ScalarArray
+from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.constraints.attitude_angles import (
     axis_rotation,
     nearest_angles,
@@ -30,9 +32,12 @@ from robot_dynamics.constraints.attitude_angles import (
     rotation_logarithm,
 )
 from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import joint_placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.model.robot import Robot
 
 STEEP_PITCH_COSINE = 0.5
 """Cosine of pitch below which positions are displaced by rotations, and not by the rates of the angles."""

@@ -4,24 +4,30 @@ A path goes straight from one position of the independent joints to another, in 
 extrapolation of the last one. A stride that ends far beside its extrapolation has a bend, as where two branches meet.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray, IntArray
 from robot_dynamics.constraints.attitude_charts import chart_rates, displace, displacement
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE
 from robot_dynamics.constraints.newton_iteration import (
     MAX_STEP,
     NEWTON_TOLERANCE,
-    Advance,
-    StepEvaluator,
     iterate_newton,
 )
 from robot_dynamics.constraints.state import charted_state_at
-from robot_dynamics.constraints.topology import ConstraintTopology
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
+    from robot_dynamics.constraints.newton_iteration import (
+        Advance,
+        StepEvaluator,
+    )
+    from robot_dynamics.constraints.topology import ConstraintTopology
 
 MAX_STRIDE = 0.15
 """Longest stride [rad or characteristic lengths]."""
@@ -71,7 +77,7 @@ class ClosureResult(NamedTuple):
         return largest <= CLOSURE_TOLERANCE
 
     def assign_samples(
-        self, samples: IntArray | BoolArray, other: "ClosureResult", other_samples: IntArray | BoolArray
+        self, samples: IntArray | BoolArray, other: ClosureResult, other_samples: IntArray | BoolArray
     ) -> None:
         """Overwrite samples with samples of another ClosureResult."""
         for array, other_array in zip(self, other, strict=True):

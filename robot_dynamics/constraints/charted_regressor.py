@@ -6,14 +6,21 @@ their columns are the efforts that they would add. These grow with 1/cos² of pi
 angles do not exist for every angular velocity.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import IntArray, ScalarArray
 from robot_dynamics.constraints import attitude_charts
-from robot_dynamics.constraints.attitude_charts import AttitudeJoints
-from robot_dynamics.constraints.state import ConstrainedState, projection_matrix
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS, regressor
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import IntArray, ScalarArray
+    from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.model.robot import Robot
 
 
 def independent_regressor(

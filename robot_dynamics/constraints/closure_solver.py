@@ -5,26 +5,32 @@ This module reads positions, solves them in blocks and refuses samples that do n
 assembly modes).
 """
 
+from __future__ import annotations
+
 import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from robot_dynamics.array_checks import require_finite
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.constraints.assembly_modes import solve_closure
-from robot_dynamics.constraints.attitude_charts import AttitudeJoints
-from robot_dynamics.constraints.branch_tracker import BranchTracker, ClosureResult
+from robot_dynamics.constraints.branch_tracker import BranchTracker
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE, NEARLY_CLOSED_RESIDUAL, find_widest_loop
 from robot_dynamics.constraints.newton_iteration import newton_step
-from robot_dynamics.constraints.state import ConstrainedState, charted_state_at, state_at
+from robot_dynamics.constraints.state import charted_state_at, state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+    from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+    from robot_dynamics.constraints.branch_tracker import ClosureResult
+    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.model.robot import Robot
 
 MIN_QUALITY = 10 * CLOSURE_TOLERANCE
 """Least quality of positions whose rates are meaningful. A deviation δ from a singular position leaves a residual of δ²

@@ -7,14 +7,18 @@ are eliminated one by one, and the system that remains for the platform is small
 Right sides are matrices (..., m, k) or (..., n, k), solved column by column.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import IntArray, ScalarArray
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.screw import concatenate_vectors, dot, stack_matrices, stack_vectors
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import IntArray, ScalarArray
 
 _symbolic_root = np.frompyfunc(lambda scalar: scalar.sqrt() if hasattr(scalar, "sqrt") else np.sqrt(scalar), 1, 1)
 

@@ -12,17 +12,21 @@ velocity where φ is small, and it has no other zero.
 Source: Khalil, section 2.2.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
-from robot_dynamics.model.loop import LoopEnd
-from robot_dynamics.model.robot import Robot
-from robot_dynamics.newton_euler.augmented import AngularMotion
+from robot_dynamics.newton_euler.angular_motion import AngularMotion
 from robot_dynamics.newton_euler.kinematics import joint_placement, link_placements
 from robot_dynamics.newton_euler.screw import apply, cross, screw, stack_matrices, wrench_to_antecedent
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.loop import LoopEnd
+    from robot_dynamics.model.robot import Robot
 
 
 class LoopEquations(NamedTuple):

@@ -8,16 +8,21 @@ position, so that none crosses it into another branch.
 Source: Rheinboldt, "On the computation of multi-dimensional solution manifolds of parametrized equations" (1988).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE, RANK_TOLERANCE
-from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.constraints.topology import build_topology
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.constraints.topology import ConstraintTopology
+    from robot_dynamics.model.robot import Robot
 
 WALKERS = 16
 """Walks at the same time."""

@@ -4,18 +4,18 @@ A tree with unknown accelerations takes the articulated-body recursion; a robot 
 of motion projected onto the independent ones; known accelerations take the two-sweep inverse dynamics.
 """
 
+from __future__ import annotations
+
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result, refuse_overflow
-from robot_dynamics.array_types import Array, ScalarArray
-from robot_dynamics.constraints.state import ConstrainedState, projection_matrix
+from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import articulated_body, linear
 from robot_dynamics.newton_euler.composite import inertia_matrix
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
@@ -23,6 +23,11 @@ from robot_dynamics.newton_euler.kinematics import run_forward_pass
 from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
 from robot_dynamics.newton_euler.screw import BASE_ROWS, apply
 from robot_dynamics.newton_euler.walker_orin import bias
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.model.robot import Robot
 
 
 class BaseMotion(Protocol):

@@ -5,21 +5,26 @@ closed positions: planar loops have redundant equations, others by their geometr
 dependent. Where these are fewer than the rank, elastic joints are dependent too; actuated joints never.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 from scipy.linalg import qr
 
-from robot_dynamics.array_types import Array, IntArray
-from robot_dynamics.constraints.attitude_charts import AttitudeJoints, attach_charts, displace, find_attitude_joints
+from robot_dynamics.constraints.attitude_charts import attach_charts, displace, find_attitude_joints
 from robot_dynamics.constraints.loop_equations import equations_per_loop, loop_equations
 from robot_dynamics.constraints.newton_iteration import MAX_STEP, iterate_newton
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import apply
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+    from robot_dynamics.model.robot import Robot
 
 RANK_TOLERANCE = 1e-6
 """Singular value, as a part of the largest one, below which it counts as zero."""

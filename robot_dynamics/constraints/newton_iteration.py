@@ -3,15 +3,18 @@
 The function that evaluates residuals and steps is an argument: `newton_step` of a topology, or a compiled program.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray, ScalarArray
+from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.least_squares import factor_bordered, least_squares
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import IntArray, ScalarArray
     from robot_dynamics.constraints.topology import ConstraintTopology
 
 NEWTON_TOLERANCE = 1e-13
@@ -51,7 +54,7 @@ class NewtonStep(NamedTuple):
     determinant_matrix: ScalarArray
 
 
-def newton_step(topology: "ConstraintTopology", t: ScalarArray) -> NewtonStep:
+def newton_step(topology: ConstraintTopology, t: ScalarArray) -> NewtonStep:
     """The NewtonStep of the loops of a topology at positions t (..., m)."""
     rows = topology.determinant_rows
     assert rows is not None, "a robot without loops has no loop equations"

@@ -10,20 +10,26 @@ Each rate, acceleration or projection takes one solution with J_d. The matrix G 
 independent joints; rates and projections then need no other one.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.constraints import attitude_charts
-from robot_dynamics.constraints.attitude_charts import AttitudeJoints
-from robot_dynamics.constraints.least_squares import BorderedFactors, factor_bordered, least_norm, least_squares
+from robot_dynamics.constraints.least_squares import factor_bordered, least_norm, least_squares
 from robot_dynamics.constraints.loop_equations import loop_equations, loop_wrenches
-from robot_dynamics.constraints.topology import ConstraintTopology
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+    from robot_dynamics.constraints.least_squares import BorderedFactors
+    from robot_dynamics.constraints.topology import ConstraintTopology
+    from robot_dynamics.model.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,20 +7,28 @@ The topology is found once for a robot. `state` evaluates it at positions that c
 finds such positions.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import qr
 
-from robot_dynamics.array_types import Array, BoolArray, IntArray, ScalarArray
-from robot_dynamics.constraints.attitude_charts import AttitudeJoints, attach_charts, find_attitude_joints
-from robot_dynamics.constraints.least_squares import Partition, partition
-from robot_dynamics.constraints.loop_equations import LoopEquations, equations_per_loop, loop_equations
+from robot_dynamics.constraints.attitude_charts import attach_charts, find_attitude_joints
+from robot_dynamics.constraints.least_squares import partition
+from robot_dynamics.constraints.loop_equations import equations_per_loop, loop_equations
 from robot_dynamics.constraints.mobility import find_dependent_columns
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray, IntArray, ScalarArray
+    from robot_dynamics.constraints.attitude_charts import AttitudeJoints
+    from robot_dynamics.constraints.least_squares import Partition
+    from robot_dynamics.constraints.loop_equations import LoopEquations
+    from robot_dynamics.model.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +82,17 @@ class ConstraintTopology:
         """Numbers of the joints that the loops determine."""
         return [self.non_mimic_joints[k] for k in self.dependent_columns]
 
-    def with_robot(self, robot: Robot, shifts: Array | float = 0) -> "ConstraintTopology":
+    def with_robot(self, robot: Robot, shifts: Array | float = 0) -> ConstraintTopology:
         """The same topology for the same robot with other frames or inertias, its positions shifted (all joints,)."""
         return replace(self, robot=robot, offset=self.offset + shifts)
 
-    def with_determinant_sign(self) -> "ConstraintTopology":
+    def with_determinant_sign(self) -> ConstraintTopology:
         """The same topology with `determinant_rows` and `determinant_sign` of its reference positions."""
         J = self.dependent_jacobian(self.reference_positions)
         rows = qr(J.T, mode="r", pivoting=True)[1][: len(self.dependent_columns)]
         return replace(self, determinant_rows=rows, determinant_sign=-1 if np.linalg.det(J[rows]) < 0 else 1)
 
-    def with_independent(self, independent: Sequence[int]) -> "ConstraintTopology":
+    def with_independent(self, independent: Sequence[int]) -> ConstraintTopology:
         """The same loops with other independent joints.
 
         Parameters

@@ -1,8 +1,13 @@
 """Bumpless transfer: efforts without jumps when the control mode or the model changes."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 
 
 class BumplessTransfer:

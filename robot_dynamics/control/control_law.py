@@ -38,7 +38,6 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
 from robot_dynamics.control.law_models import LawModels
 from robot_dynamics.control.link_side import LinkSide
 from robot_dynamics.control.program_positions import ProgramPositions
@@ -46,6 +45,7 @@ from robot_dynamics.control.series_elastic_actuators import find_series_elastic_
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.control.reference import Reference
     from robot_dynamics.dynamics import Dynamics
 

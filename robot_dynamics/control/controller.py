@@ -1,11 +1,13 @@
 """The controller: a control law, a reference and a watchdog. Its efforts never jump and never exceed their limits."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
 from robot_dynamics.control.control_law import (
     COMPUTED_TORQUE,
@@ -13,14 +15,19 @@ from robot_dynamics.control.control_law import (
     GRAVITY,
     PD_GRAVITY,
     REFERENCE,
-    ControlLaw,
-    ControlMode,
-    FrictionVelocity,
-    NoReferenceAction,
 )
 from robot_dynamics.control.reference import ReferencePoint, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+    from robot_dynamics.control.control_law import (
+        ControlLaw,
+        ControlMode,
+        FrictionVelocity,
+        NoReferenceAction,
+    )
 
 
 @dataclass(frozen=True)

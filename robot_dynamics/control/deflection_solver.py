@@ -20,13 +20,17 @@ refused.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.control.reference import Reference, ReferencePoint
-from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators
+from robot_dynamics.control.reference import ReferencePoint
 from robot_dynamics.errors import RobotDynamicsError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.control.reference import Reference
+    from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators
 
 NODE_SPACING = 2e-3
 """Time [s] between two nodes. A jump of the derivative of τ is spread over all nodes."""

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators, with_rigid_actuators
+from robot_dynamics.control.series_elastic_actuators import with_rigid_actuators
 from robot_dynamics.dynamics import Dynamics
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators
     from robot_dynamics.model.robot import Robot
 
 

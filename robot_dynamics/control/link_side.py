@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray, IntArray
 from robot_dynamics.control.deflection_solver import DeflectionSolver
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
     from robot_dynamics.control.law_models import LawModels
     from robot_dynamics.control.program_positions import ProgramPositions
     from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators

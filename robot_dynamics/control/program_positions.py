@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray
-
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.dynamics import Dynamics
 
 

@@ -3,14 +3,18 @@
 Both are sampled into an array (3, n): positions, velocities, accelerations.
 """
 
+from __future__ import annotations
+
 from array import array
 from bisect import bisect_right
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, IntArray
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, IntArray
 
 ORDERS: tuple[Literal[1, 2, 3], ...] = (1, 2, 3)
 """Number of derivatives (position, velocity, acceleration) at both ends of a segment: linear, cubic, quintic."""

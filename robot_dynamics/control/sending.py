@@ -1,12 +1,16 @@
 """Sending of efforts in time: efforts for a stale state are not the last that are sent."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from time import perf_counter
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.control.controller import Controller
+
+if TYPE_CHECKING:
+    from robot_dynamics.control.controller import Controller
 
 SendEfforts: TypeAlias = Callable[[Array, object, float], bool]
 """Sends efforts (joints,) with a stamp until a time [s]; returns whether they are sent by then."""

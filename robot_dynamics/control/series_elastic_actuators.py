@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.robot import Robot

@@ -10,14 +10,16 @@ below are the exact derivatives of this placement; nothing in them is linearised
 from __future__ import annotations
 
 from math import factorial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.flexible.element import Element
-from robot_dynamics.model.inertia import skew
+from robot_dynamics.model.vector_product import skew
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, dot, screw
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.flexible.element import Element
 
 TERMS = 12  # of the series: exact to rounding up to φ = π
 

@@ -11,14 +11,12 @@ Source: Khalil, sections 3.2, 3.3.2 and 6, for coordinates in blocks; Boyer and 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.flexible.bending import AttachedFrames, place_sections
-from robot_dynamics.flexible.structure import Node, Structure
 from robot_dynamics.newton_euler.kinematics import axis_row, axis_screw, joint_placement
 from robot_dynamics.newton_euler.screw import (
     apply,
@@ -29,6 +27,10 @@ from robot_dynamics.newton_euler.screw import (
     twist_to_successor,
     wrench_to_antecedent,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.flexible.structure import Node, Structure
 
 MASSLESS = 1e-12  # a scaled inertia below this is a rounding error
 

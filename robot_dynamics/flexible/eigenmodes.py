@@ -1,12 +1,17 @@
 """Natural frequencies and modes of M ẍ + K x = 0, for symmetric M and K that need not be definite."""
 
+from __future__ import annotations
+
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, eigh
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SingularModelError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MASSLESS = 1e-12  # a scaled mass below this is a rounding error
 ZERO_EIGENVALUE = 1e-12  # an eigenvalue below this fraction of the largest belongs to a mechanism

@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.codegen.jit.threads import run_in_threads
-from robot_dynamics.codegen.trace.program import OperationCount
 from robot_dynamics.errors import CompilationError, InvalidInputError
 from robot_dynamics.flexible import eigenmodes
 from robot_dynamics.flexible.jacobians import compute_node_kinematics
@@ -22,6 +20,8 @@ from robot_dynamics.flexible.structure_builder import build_structure
 from robot_dynamics.newton_euler.kinematics import link_placements
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.codegen.trace.program import OperationCount
     from robot_dynamics.dynamics import Dynamics
 
 BATCH_SIZE = 20  # samples whose matrices are computed at once: as many as fit the processor cache

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
 from robot_dynamics.parallel.pose_map import evaluate_over_grid
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
     from robot_dynamics.dynamics import Dynamics
 
 

@@ -8,15 +8,17 @@ batches.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.flexible.structure import Closure, Node, Structure
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.kinematics import axis_screw, joint_placement, link_placements
 from robot_dynamics.newton_euler.screw import twist_to_successor
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.flexible.structure import Closure, Node, Structure
+    from robot_dynamics.model.robot import Robot
 
 UNIT_TWISTS = np.eye(6, dtype=int)
 

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.flexible.jacobians import (
     Jacobian,
-    NodeKinematics,
     choose_eliminated_elements,
     closure_jacobians,
     compute_node_kinematics,
     dependent_jacobians,
     sum_jacobians,
 )
-from robot_dynamics.flexible.structure import Structure
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.flexible.jacobians import (
+        NodeKinematics,
+    )
+    from robot_dynamics.flexible.structure import Structure
+    from robot_dynamics.model.robot import Robot
 
 RANK_TOLERANCE = 1e-9  # a closure equation below this fraction of the others is redundant
 

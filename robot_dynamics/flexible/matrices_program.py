@@ -8,20 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache, partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray, ScalarArray
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
-from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
+from robot_dynamics.codegen.jit.compiled_program import compile_program, load_program
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
-from robot_dynamics.codegen.trace.program import Program, build_program
+from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Scalar, Trace
 from robot_dynamics.errors import CompilationError, InvalidInputError
 from robot_dynamics.flexible.matrices import constrained_matrices
-from robot_dynamics.flexible.structure import Structure
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray, ScalarArray
+    from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.flexible.structure import Structure
+    from robot_dynamics.model.robot import Robot
 
 MATRIX_NAMES = ("mass", "stiffness", "expansion")
 COMPILE_THRESHOLD = 0.2

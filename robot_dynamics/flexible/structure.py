@@ -11,15 +11,17 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.flexible.element import Element
 from robot_dynamics.model.beam import COINCIDENCE_TOLERANCE
-from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.placement import invert_placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.flexible.element import Element
+    from robot_dynamics.model.joint import Joint
 
 COMPONENTS = ("x", "y", "z", "rx", "ry", "rz")
 SPATIAL = (0, 1, 2, 3, 4, 5)

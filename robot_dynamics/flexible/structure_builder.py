@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.flexible.element import Element
 from robot_dynamics.flexible.structure import (
@@ -21,9 +21,13 @@ from robot_dynamics.flexible.structure import (
     Structure,
     nearest_node,
 )
-from robot_dynamics.model.beam import COINCIDENCE_TOLERANCE, Beam, locate_on_beam
+from robot_dynamics.model.beam import COINCIDENCE_TOLERANCE, locate_on_beam
 from robot_dynamics.model.placement import invert_placement, placement
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.beam import Beam
+    from robot_dynamics.model.robot import Robot
 
 PARALLEL_TOLERANCE = 1e-9  # of axes in the plane
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.trace.parameter_grouping import select_independent_columns
 from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
@@ -24,6 +23,7 @@ from robot_dynamics.inputs import base_state
 from robot_dynamics.newton_euler.regressor import regressor
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
 
 MOTIONS_PER_PARAMETER = 3

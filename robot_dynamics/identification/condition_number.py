@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.trace.derivatives import DifferentiableProgram
 from robot_dynamics.codegen.trace.models import regressor_model
 from robot_dynamics.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.trace.derivatives import Evaluation
     from robot_dynamics.identification.identification_model import IdentificationModel
 

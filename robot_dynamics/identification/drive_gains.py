@@ -14,11 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.fitting import (
     REWEIGHTING_ITERATIONS,
-    Fit,
     require_enough_samples,
     residual_variances,
 )
@@ -26,7 +24,11 @@ from robot_dynamics.identification.gain_problem import REQUIREMENT, GainProblem
 from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.identification.fitting import (
+        Fit,
+    )
     from robot_dynamics.identification.identification_model import IdentificationModel
     from robot_dynamics.identification.samples import Samples
     from robot_dynamics.recordings.drives import Drives

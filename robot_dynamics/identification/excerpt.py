@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.sample_sums import FactorSums, QualitySums
 from robot_dynamics.identification.triangular_factors import TriangularFactors
@@ -22,6 +21,7 @@ from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import filter_margin, lowpass
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.identification.identification_model import EffortModel
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import Recording

@@ -14,14 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.identification.condition_number import LogConditionNumber
-from robot_dynamics.identification.fourier_trajectory import FourierTrajectory, JointBounds, joint_bounds
+from robot_dynamics.identification.fourier_trajectory import joint_bounds
 from robot_dynamics.identification.trajectory_parametrization import TrajectoryParametrization
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.identification.fourier_trajectory import FourierTrajectory, JointBounds
     from robot_dynamics.identification.identification_model import IdentificationModel
 
 __all__ = ["Excitation", "design_excitation", "joint_bounds"]

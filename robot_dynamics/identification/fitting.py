@@ -8,18 +8,21 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.sample_sums import NO_SAMPLES, FactorSums, FitQuality
+from robot_dynamics.identification.sample_sums import NO_SAMPLES
 from robot_dynamics.identification.triangular_factors import (
-    LeastSquaresSolution,
-    TriangularFactors,
     solve_least_squares,
 )
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
     from robot_dynamics.identification.identification_model import IdentificationModel, JointEffortModel
+    from robot_dynamics.identification.sample_sums import FactorSums, FitQuality
     from robot_dynamics.identification.samples import Samples
+    from robot_dynamics.identification.triangular_factors import (
+        LeastSquaresSolution,
+        TriangularFactors,
+    )
 
 FitMethod: TypeAlias = Literal["weighted", "ordinary", "robust"]
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.identification.motion_samples import position_bounds
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
 
 

@@ -9,12 +9,16 @@ whose total least squares give the initial values.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.optimize import least_squares
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.triangular_factors import solve_least_squares
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MIN_IDENTIFIABILITY = 1e-6  # smallest part of the effect of gains on efforts that no parameter reproduces
 REQUIREMENT = "record runs with a payload of known mass beside runs without it, in motions that load every joint"

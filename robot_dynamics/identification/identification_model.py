@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.identification.base_parameters import BaseParameters, compute_base_parameters
+from robot_dynamics.identification.base_parameters import compute_base_parameters
 from robot_dynamics.inputs import Base
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.identification.base_parameters import BaseParameters
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import Recording

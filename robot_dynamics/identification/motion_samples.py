@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.manifold_walk import build_constraint_manifold
 from robot_dynamics.inputs import Base
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.constraints.manifold_walk import ConstraintManifold
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.model.joint import Joint

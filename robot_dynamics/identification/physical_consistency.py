@@ -12,19 +12,23 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from types import ModuleType
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import sparse
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.identification.fitting import Fit
-from robot_dynamics.identification.identification_model import IdentificationModel
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
-from robot_dynamics.recordings.drives import DRIVE_PARAMETERS, Drives
+from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.identification.fitting import Fit
+    from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.recordings.drives import Drives
 
 MIN_MASS = 0.05  # [kg] scale of links without mass in the description
 CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links

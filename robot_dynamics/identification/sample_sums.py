@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.triangular_factors import TriangularFactors
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.identification.triangular_factors import TriangularFactors
 
 NO_SAMPLES = "no sample is left to fit or to validate"
 

@@ -10,13 +10,14 @@ from concurrent.futures import Executor
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.excerpt import Excerpt, ExcerptSettings
 from robot_dynamics.identification.identification_model import EffortModel
-from robot_dynamics.identification.sample_sums import NO_SAMPLES, FactorSums, FitQuality, QualitySums
+from robot_dynamics.identification.sample_sums import NO_SAMPLES, FactorSums, QualitySums
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.identification.sample_sums import FitQuality
     from robot_dynamics.recordings.recording import Recording
 
 CACHE_BYTES = 256 * 1024 * 1024  # memory for regression rows; beyond it they are computed again

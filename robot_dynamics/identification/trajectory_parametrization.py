@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.identification.fourier_trajectory import FourierTrajectory, JointBounds, fourier_basis
+from robot_dynamics.identification.fourier_trajectory import FourierTrajectory, fourier_basis
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.identification.fourier_trajectory import JointBounds
 
 GRID_POINTS_PER_HARMONIC = 20  # points per harmonic at which the bounds are checked
 INITIAL_SIZE = 2.0  # size parameter of random trajectories: 88 % of the largest motion

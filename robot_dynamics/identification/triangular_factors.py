@@ -7,10 +7,12 @@ as many digits. Factors of further samples are stacked below and factored again 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
 
 MIN_COLUMN_NORM = 1e-9  # relative to the longest column: the motion does not excite parameters of shorter columns
 

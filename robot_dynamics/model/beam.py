@@ -7,14 +7,17 @@ second_moment_z resists bending in its x-y plane, second_moment_y in its x-z pla
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_placement
 from robot_dynamics.model.placement import placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
 
 COINCIDENCE_TOLERANCE = 1e-9  # [m] points of a link that are this near coincide
 MAX_ELEMENTS = 1000  # of a beam

@@ -8,22 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.array_types import ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.vector_product import skew
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike, ScalarArray
 
 # Descriptions print few digits: rounding may make a flat plate violate the triangle inequality by this fraction.
 TRIANGLE_TOLERANCE = 1e-3
 
 INERTIA_ENTRIES = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2), "zz": (2, 2)}
 """Indices of the six entries of a symmetric matrix, in the order that is used everywhere."""
-
-
-def skew(vector: ScalarArray) -> ScalarArray:
-    """Return the matrices (..., 3, 3) of the vector product with `vector` (..., 3): skew(a) @ b = a × b."""
-    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def symmetric_matrix(

@@ -1,12 +1,16 @@
 """Joints as data: placement, drive, spring, friction and limits."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
 
 UNLIMITED = 1e9  # a limit from this value on counts as no limit [rad, m, rad/s, m/s, N m or N]
 SUSPICIOUS_RANGE = 50.0  # [rad] from this range on limits look like degrees

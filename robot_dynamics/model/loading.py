@@ -1,21 +1,25 @@
 """Loading of a robot from a text, from a file, or by the name of a robot that ships with the package."""
 
+from __future__ import annotations
+
 import logging
 import os
 import re
 from collections.abc import Mapping
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
-from robot_dynamics.array_types import ArrayLike
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import UTF16_MARKS, read_file_bytes
 from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
 from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike
+    from robot_dynamics.model.robot import Robot
 
 FORMATS = "a URDF, an MDH table in YAML or a SYMORO+ .par"
 SUFFIXES = (".urdf", ".yaml", ".par")

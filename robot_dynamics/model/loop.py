@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.joint import check_placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
 
 
 class LoopEnd(NamedTuple):

@@ -8,13 +8,17 @@ n to z_j, and θ and r continue along z_j. Where the axes are nearly parallel th
 huge and cancel each other. Two rows, a fixed frame that translates and a rotation about its origin, avoid that loss.
 """
 
+from __future__ import annotations
+
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.model.placement import placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
 
 ROUNDING = 2e-15  # angles [rad] and lengths [m] below this are rounding errors
 # [rad] At this angle the common normal is fifty times as far away as the axes are apart. An inertia about an origin

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Container
 from typing import TYPE_CHECKING, NamedTuple
 
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.mdh import MDHParameters, mdh_from_placement
+from robot_dynamics.model.mdh import mdh_from_placement
 
 if TYPE_CHECKING:
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.mdh import MDHParameters
     from robot_dynamics.model.robot import Robot
 
 

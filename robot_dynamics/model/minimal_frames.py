@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.model.cut_joints import cut_joints
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.loop import LoopEnd
 from robot_dynamics.model.mdh import NEARLY_PARALLEL, ROUNDING, MDHParameters, mdh_from_placement, placement_from_mdh
 from robot_dynamics.model.placement import invert_placement, placement
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.robot import Robot
 
 

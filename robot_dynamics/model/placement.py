@@ -1,9 +1,14 @@
 """Constant placements of frames: homogeneous matrices (4, 4), the pose of a frame j in a frame i, written iTj."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
 
 
 def placement(rotation: ArrayLike | None = None, translation: ArrayLike | None = None) -> Array:

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.placement import invert_placement, placement
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
     from robot_dynamics.model.robot import Frame, Robot
 
 COORDINATES = ("x", "y", "z", "yaw", "pitch", "roll")

@@ -10,18 +10,25 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
-from robot_dynamics.model.beam import Flexibility, RigidBody
+from robot_dynamics.model.beam import RigidBody
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, check_joint, check_placement
-from robot_dynamics.model.loop import Loop, check_loop
-from robot_dynamics.model.platform import Platform, check_platform
+from robot_dynamics.model.joint import check_joint, check_placement
+from robot_dynamics.model.loop import check_loop
+from robot_dynamics.model.platform import check_platform
 from robot_dynamics.model.robot_warnings import MASSLESS_WARNING as MASSLESS_WARNING
 from robot_dynamics.model.robot_warnings import find_warnings
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.beam import Flexibility
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.loop import Loop
+    from robot_dynamics.model.platform import Platform
 
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 MAX_JOINTS = 2000  # real robots have a hundred; matrices grow with the square

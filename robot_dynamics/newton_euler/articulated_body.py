@@ -9,13 +9,13 @@ acceleration or, where it moves freely, the wrench zero.
     base without a wrench                          inverse and direct, moving base      Khalil, sections 7.2 and 7.3
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from __future__ import annotations
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.robot import Robot
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
 from robot_dynamics.newton_euler import linear
-from robot_dynamics.newton_euler.kinematics import ForwardPass, axis_component, axis_row, axis_screw
+from robot_dynamics.newton_euler.kinematics import axis_component, axis_row, axis_screw
 from robot_dynamics.newton_euler.screw import (
     apply,
     concatenate_vectors,
@@ -25,6 +25,11 @@ from robot_dynamics.newton_euler.screw import (
     twist_to_successor,
     wrench_to_antecedent,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.newton_euler.kinematics import ForwardPass
 
 
 class BackwardPass(NamedTuple):

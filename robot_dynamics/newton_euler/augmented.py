@@ -14,16 +14,21 @@ With B_j = [ω̇_j] + [ω_j][ω_j] ([·] the matrix of the vector product) a poi
 Source: Renaud, equations 0 to 10, for simple chains. Trees, the moving base and prismatic joints are treated as above.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.newton_euler.angular_motion import AngularMotion, components, vector_from_components
 from robot_dynamics.newton_euler.kinematics import joint_placement
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, concatenate_vectors, cross, screw
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
 
 
 class AugmentedBodies(NamedTuple):
@@ -83,42 +88,6 @@ def inverse_dynamics(
     return _run_backward_pass(robot, augmented_bodies(robot), motions, qdd, external_wrenches)
 
 
-class AngularMotion:
-    """Angular motion of a link.
-
-    Attributes
-    ----------
-    omega, angular_acceleration : ndarray, shape (..., 3)
-        ω_j and its derivative a_j, in the same axes.
-    xx, yy, zz, xy, xz, yz : ndarray, shape (...)
-        Products of the components of ω_j.
-    B : list of list of ndarray
-        Entries (...) of the matrix B_j (3, 3).
-    """
-
-    def __init__(self, omega: ScalarArray, angular_acceleration: ScalarArray) -> None:
-        self.omega = omega
-        self.angular_acceleration = angular_acceleration
-        x, y, z = _entries(omega)
-        a, b, c = _entries(angular_acceleration)
-        self.xx = x * x  # eq. 2
-        self.yy = y * y
-        self.zz = z * z
-        self.xy = x * y
-        self.xz = x * z
-        self.yz = y * z
-        self.B = [  # eq. 4
-            [-(self.yy + self.zz), self.xy - c, self.xz + b],
-            [self.xy + c, -(self.xx + self.zz), self.yz - a],
-            [self.xz - b, self.yz + a, -(self.xx + self.yy)],
-        ]
-
-    def times(self, r: ScalarArray) -> ScalarArray:
-        """B_j r (..., 3) for a vector r (..., 3)."""
-        x, y, z = _entries(r)
-        return _vector(*(row[0] * x + row[1] * y + row[2] * z for row in self.B))
-
-
 class LinkMotion(AngularMotion):
     """Motion of a link, in frame j.
 
@@ -171,13 +140,13 @@ def _successor_motion(
     omega = apply_transposed(R, antecedent.omega)  # eq. 1a
     angular_acceleration = apply_transposed(R, antecedent.angular_acceleration)  # eq. 3a
     alpha = apply_transposed(R, antecedent.alpha + antecedent.times(P))  # eq. 6a, 6b
-    x, y, z = _entries(omega)
-    a, b, c = _entries(angular_acceleration)
+    x, y, z = components(omega)
+    a, b, c = components(angular_acceleration)
     if joint.prismatic:
-        alpha = alpha + _vector(2 * rate * y, -2 * rate * x, acceleration)  # eq. 5, 6c
+        alpha = alpha + vector_from_components(2 * rate * y, -2 * rate * x, acceleration)  # eq. 5, 6c
     else:
-        omega = _vector(x, y, z + rate)  # eq. 1b
-        angular_acceleration = _vector(a + rate * y, b - rate * x, c + acceleration)  # eq. 3b
+        omega = vector_from_components(x, y, z + rate)  # eq. 1b
+        angular_acceleration = vector_from_components(a + rate * y, b - rate * x, c + acceleration)  # eq. 3b
     return LinkMotion(R, P, omega, angular_acceleration, alpha)
 
 
@@ -234,23 +203,13 @@ def _sum(vector: ScalarArray, transmitted: ScalarArray | None) -> ScalarArray:
 
 def rotational_moment(K: ScalarArray, motion: AngularMotion) -> ScalarArray:
     """k a + ω × k ω (..., 3) for a symmetric k (3, 3), with the fewest products of its entries."""
-    a, b, c = _entries(motion.angular_acceleration)
+    a, b, c = components(motion.angular_acceleration)
     B = motion.B
     x = K[0, 0] * a + (K[2, 2] - K[1, 1]) * motion.yz - K[0, 1] * B[2][0] + K[0, 2] * B[1][0]
     y = K[1, 1] * b + (K[0, 0] - K[2, 2]) * motion.xz + K[0, 1] * B[2][1] - K[1, 2] * B[0][1]
     z = K[2, 2] * c + (K[1, 1] - K[0, 0]) * motion.xy - K[0, 2] * B[1][2] + K[1, 2] * B[0][2]
-    return _vector(
+    return vector_from_components(
         x + K[1, 2] * (motion.yy - motion.zz),
         y + K[0, 2] * (motion.zz - motion.xx),
         z + K[0, 1] * (motion.xx - motion.yy),
     )
-
-
-def _entries(vector: ScalarArray) -> tuple[ScalarArray, ScalarArray, ScalarArray]:
-    """The components (...) of a vector (..., 3)."""
-    return vector[..., 0], vector[..., 1], vector[..., 2]
-
-
-def _vector(*entries: ScalarArray) -> ScalarArray:
-    """The vector (..., k) of k components (...)."""
-    return np.stack(np.broadcast_arrays(*entries), axis=-1)

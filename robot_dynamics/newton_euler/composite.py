@@ -5,17 +5,21 @@ body of j then moves along z_j or rotates about it, and its wrench is transmitte
 diagonal.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.model.inertia import symmetric_entries, symmetric_matrix
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.kinematics import axis_row, joint_placement
 from robot_dynamics.newton_euler.screw import apply, cross, screw
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
 
 Entries: TypeAlias = dict[tuple[int, int], ScalarArray]
 """Entries (...) of a matrix by row and column: joints count from 1, rows of the base from -6 to -1."""

@@ -8,17 +8,21 @@ that a soft one beside a stiff one counts. Near a stable equilibrium μ is zero,
 start in balance stay there, stable or not.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.walker_orin import bias
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.model.robot import Robot
 
 MAX_ITERATIONS = 300
 MAX_HALVINGS = 30

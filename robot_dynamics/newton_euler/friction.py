@@ -1,9 +1,14 @@
 """Joint friction: Fs sign(q̇) + Fv q̇ (Khalil, sections 7.2 and 7.3, eq. 106)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.robot import Robot
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.robot import Robot
 
 _symbolic_sign = np.frompyfunc(lambda scalar: scalar.signum() if hasattr(scalar, "signum") else np.sign(scalar), 1, 1)
 

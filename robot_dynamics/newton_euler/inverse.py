@@ -1,8 +1,10 @@
 """Inverse dynamic model in two passes, for known accelerations of all joints and of the base."""
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.robot import Robot
-from robot_dynamics.newton_euler.kinematics import ForwardPass, axis_component, axis_screw
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robot_dynamics.newton_euler.kinematics import axis_component, axis_screw
 from robot_dynamics.newton_euler.screw import (
     apply,
     concatenate_vectors,
@@ -10,6 +12,11 @@ from robot_dynamics.newton_euler.screw import (
     twist_to_successor,
     wrench_to_antecedent,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.newton_euler.kinematics import ForwardPass
 
 
 def inverse_dynamics(

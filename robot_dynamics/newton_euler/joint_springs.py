@@ -1,9 +1,14 @@
 """Efforts that springs and dampers at joints require: k Δq + c q̇ with Δq = q - q₀ (Khalil, section 6)."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.robot import Robot
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.robot import Robot
 
 
 def spring_force(robot: Robot, q: ScalarArray, qd: ScalarArray) -> ScalarArray:

@@ -1,14 +1,18 @@
 """Forward pass: placements and velocities of links, and the parts of accelerations and wrenches that depend on them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.robot import Link, Robot
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, screw, twist_to_successor
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Link, Robot
 
 
 class ForwardPass(NamedTuple):

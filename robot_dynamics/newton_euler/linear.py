@@ -3,11 +3,16 @@
 `factor` and `solve` take generic scalars: symmetric positive definite matrices, no pivoting, no branch on values.
 """
 
-from typing import TypeAlias
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
+from robot_dynamics.array_types import ScalarArray
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MIN_INERTIA_RATIO = 1e-14
 """Pivot of an inertia matrix, as a part of its entry of the diagonal, below which it is rounding."""

@@ -5,17 +5,23 @@ joint. Link 0 has the first ten where the base moves. Each column is the wrench 
 1 and the others 0, transmitted to the base.
 """
 
+from __future__ import annotations
+
 from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_entries
-from robot_dynamics.model.robot import Robot
-from robot_dynamics.newton_euler.augmented import LinkMotion, link_motions, rotational_moment
+from robot_dynamics.newton_euler.augmented import link_motions, rotational_moment
 from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import axis_row
 from robot_dynamics.newton_euler.screw import apply, cross, screw
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.newton_euler.augmented import LinkMotion
 
 LINK_PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 JOINT_PARAMETERS = ("Ia", "Fv", "Fs")

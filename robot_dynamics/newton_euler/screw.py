@@ -4,12 +4,17 @@ Frame j is placed in its antecedent's frame i by the rotation R = iRj (..., 3, 3
 The screw transformation jTi = [Rᵀ, -Rᵀ P̂; 0, Rᵀ] is never formed: its zeros and its products are known.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.model.inertia import skew
+from robot_dynamics.model.vector_product import skew
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
 
 BASE_ROWS = tuple(f"base.{kind}.{axis}" for kind in ("linear", "angular") for axis in "xyz")
 """Names of the six components of a twist of the base or of a wrench on it."""

@@ -4,14 +4,19 @@ With a fixed base Γ = A q̈ + H; with a moving one [f_0; Γ] = A [V̇0; q̈] + 
 f_0 is the wrench on the base and V̇0 its classical acceleration, both in frame 0.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.kinematics import run_forward_pass
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
 
 ZERO_SCREW = np.zeros(6)
 

@@ -1,13 +1,18 @@
 """Tables of the parameters of all nodes, in Markdown: `python -m robot_dynamics.nodes.parameter_tables [NODE ...]`."""
 
+from __future__ import annotations
+
 import argparse
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from robot_dynamics.nodes import robot_source
 from robot_dynamics.nodes.computed_torque import parameters as computed_torque
 from robot_dynamics.nodes.mobile_base_simulator import parameters as mobile_base_simulator
-from robot_dynamics.nodes.parameters import ParameterSpec, ParameterSpecs
 from robot_dynamics.nodes.replay_check import parameters as replay_check
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.parameters import ParameterSpec, ParameterSpecs
 
 NODES: dict[str, ParameterSpecs] = {
     "all": robot_source.PARAMETERS,

@@ -1,5 +1,7 @@
 """Nodes of this package as child processes."""
 
+from __future__ import annotations
+
 import os
 import signal
 import subprocess
@@ -22,7 +24,7 @@ def running_node(
     environment: Mapping[str, str] | None = None,
     log: IO[str] | IO[bytes] | None = None,
     remappings: Mapping[str, str] | None = None,
-) -> Iterator["subprocess.Popen[bytes]"]:
+) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node of this package in a process of its own, and end it when the block ends, also by an exception.
 
     Parameters
@@ -53,7 +55,7 @@ def running_node(
             terminate_process(process)
 
 
-def terminate_process(process: "subprocess.Popen[bytes]", patience: float = 20.0) -> None:
+def terminate_process(process: subprocess.Popen[bytes], patience: float = 20.0) -> None:
     """Terminate a process, and kill it if it has not ended within `patience` seconds."""
     deadline = time.monotonic() + patience
     while process.poll() is None:

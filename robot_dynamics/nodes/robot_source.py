@@ -1,10 +1,12 @@
 """The robot of a node: from its parameters or from the latched topic robot_description, also while it runs."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakSet
 
 import numpy as np
@@ -17,16 +19,22 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot
-from robot_dynamics.model.robot import MASSLESS_WARNING, Robot
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
+from robot_dynamics.model.robot import MASSLESS_WARNING
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.parameters import (
     ParameterSpec,
-    ParameterValues,
     by_name,
     declare_parameters,
 )
 from robot_dynamics.nodes.qos import LATCHED_QOS
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.nodes.diagnostics import Level
+    from robot_dynamics.nodes.parameters import (
+        ParameterValues,
+    )
 
 BASES = {"": None, "fixed": False, "moving": True}  # value of parameter base: whether the base moves
 TOPIC_SOURCE = "topic robot_description"

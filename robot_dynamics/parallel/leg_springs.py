@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SingularModelError
-from robot_dynamics.inputs import ExternalWrenches
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.inputs import ExternalWrenches
 
 SINGULAR_TOLERANCE = 1e-9  # smallest singular value of A_UU + A_UR L, relative to its terms
 DISPLACEMENT = 1e-6  # of central differences [rad or m]

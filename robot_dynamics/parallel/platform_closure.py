@@ -13,16 +13,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
 from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.inputs import require_finite
-from robot_dynamics.model.platform import COORDINATES, Platform
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.platform import Platform
+    from robot_dynamics.model.robot import Robot
 
 POSE_TOLERANCE = 1e-9  # largest difference of two equal poses [m, rad]
 RANK_TOLERANCE = 1e-6

@@ -13,13 +13,8 @@ from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
-from robot_dynamics.inputs import ExternalWrenches
-from robot_dynamics.model.platform import Platform
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.parallel.leg_springs import solve_unactuated_accelerations, solve_unactuated_equilibrium
-from robot_dynamics.parallel.platform_arguments import OtherJointInput, PlatformArray, PlatformInput
 from robot_dynamics.parallel.platform_kinematics import PlatformKinematics
 from robot_dynamics.parallel.platform_motion import (
     check_coordinate,
@@ -28,11 +23,16 @@ from robot_dynamics.parallel.platform_motion import (
     twist_drift,
     twist_matrix,
 )
-from robot_dynamics.results import DynamicsResult, Equilibrium
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.inputs import ExternalWrenches
+    from robot_dynamics.model.platform import Platform
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.parallel.platform_arguments import OtherJointInput, PlatformArray, PlatformInput
+    from robot_dynamics.results import DynamicsResult, Equilibrium
 
 __all__ = [
     "PlatformDynamics",

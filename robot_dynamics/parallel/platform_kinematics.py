@@ -8,26 +8,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON, common_batch_shape
-from robot_dynamics.model.platform import Platform
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.parallel.platform_arguments import (
-    OtherJointInput,
     PlatformArguments,
-    PlatformArray,
-    PlatformInput,
 )
 from robot_dynamics.parallel.platform_closure import PlatformClosure
 from robot_dynamics.parallel.platform_motion import AngleRates, ChartRates, PlatformRates, pose_from_coordinates
-from robot_dynamics.results import JointMotion
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.state import ConstrainedState
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.platform import Platform
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.parallel.platform_arguments import (
+        OtherJointInput,
+        PlatformArray,
+        PlatformInput,
+    )
+    from robot_dynamics.results import JointMotion
 
 
 class PlatformKinematics:

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.attitude_angles import (
     angles_from_rotation,
     axis_rotation,
@@ -27,6 +27,9 @@ from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 
 def check_coordinate(name: str, free: Collection[str]) -> None:

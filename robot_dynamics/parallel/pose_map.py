@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.platform_motion import check_coordinate, coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike, BoolArray, ScalarArray
     from robot_dynamics.dynamics import Dynamics
 
 COORDINATE_UNITS = {"x": "m", "y": "m", "z": "m", "yaw": "rad", "pitch": "rad", "roll": "rad"}

@@ -4,20 +4,19 @@ Stamps may jump, repeat or run back, joints may be spread over messages and topi
 SampleStatistics counts all of these cases, and nothing is filled in across a gap.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.clock import Clock
-from robot_dynamics.recordings.joint_samples import JointSample
-from robot_dynamics.recordings.message_layouts import JointNumbers, MessageLayouts
+from robot_dynamics.recordings.message_layouts import MessageLayouts
 from robot_dynamics.recordings.sample_bands import (
     OVERLAP_SAMPLES,
-    Band,
-    Interval,
     SampleRow,
     StepHistory,
     collect_bands,
@@ -27,6 +26,15 @@ from robot_dynamics.recordings.sample_bands import (
 )
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import MIN_SPLINE_SAMPLES, interpolate_on_grid
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.message_layouts import JointNumbers
+    from robot_dynamics.recordings.sample_bands import (
+        Band,
+        Interval,
+    )
 
 MESSAGES_PER_CHUNK = 20_000  # messages that are resampled at once
 

@@ -3,12 +3,14 @@
 ROS is not needed: `rosbags` reads complete files, and `damaged_bags` reads files that end early.
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from robot_dynamics.errors import RecordingError, describe_unknown_name
 from robot_dynamics.optional_packages import import_optional
@@ -20,8 +22,11 @@ from robot_dynamics.recordings.damaged_bags import (
     read_damaged_sqlite,
     shorten_error,
 )
-from robot_dynamics.recordings.joint_samples import JointSample, sample_of_joint_state
+from robot_dynamics.recordings.joint_samples import sample_of_joint_state
 from robot_dynamics.recordings.odometry import OdometryReader
+
+if TYPE_CHECKING:
+    from robot_dynamics.recordings.joint_samples import JointSample
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ODOMETRY = "nav_msgs/msg/Odometry"

@@ -1,7 +1,12 @@
 """Time of samples since the first sample of a recording, across jumps of the clock that stamped them."""
 
-from robot_dynamics.recordings.joint_samples import JointSample
-from robot_dynamics.recordings.sample_statistics import SampleStatistics
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 BACKWARD_JUMP = 1.0  # [s] backward beyond which the clock was set anew; less is a late message
 FORWARD_JUMP = 10.0  # [s] ahead of the time of recording beyond which the clock was set anew

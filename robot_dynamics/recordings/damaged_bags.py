@@ -4,15 +4,20 @@ The functions need neither the `sqlite3` nor the `mcap` command, whose `recover`
 where each file ends.
 """
 
+from __future__ import annotations
+
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
 from robot_dynamics.optional_packages import import_optional
-from robot_dynamics.recordings.sqlite_pages import Cell, SqlitePages
+from robot_dynamics.recordings.sqlite_pages import SqlitePages
+
+if TYPE_CHECKING:
+    from robot_dynamics.recordings.sqlite_pages import Cell
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 SQLITE_MAGIC = b"SQLite format 3\x00"

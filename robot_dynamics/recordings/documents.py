@@ -1,5 +1,7 @@
 """YAML files that accompany recordings: read, and validated with the JSON schema of their kind."""
 
+from __future__ import annotations
+
 import json
 from functools import cache
 from pathlib import Path
@@ -27,5 +29,5 @@ def read_document(path: Path, schema: Path, expected: str) -> YamlDocument:
 
 
 @cache
-def _validator(schema: Path) -> "Validator":
+def _validator(schema: Path) -> Validator:
     return make_validator(json.loads(schema.read_text(encoding="utf-8")))

@@ -4,19 +4,23 @@ A motor turns by the sum of its ratios times joint positions, m = R q. By virtua
 as Rᵀ y. Without a file, each joint is measured itself.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import evaluate, format_number
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.recordings.documents import read_document
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 
 SCHEMA = Path(__file__).with_name("drives.schema.json")
 EXPECTED = "a YAML file of drives"

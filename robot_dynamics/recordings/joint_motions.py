@@ -1,17 +1,22 @@
 """From segments of recorded signals to motions of the joints: filtered, with accelerations, in pieces."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray
-from robot_dynamics.inputs import Base
-from robot_dynamics.recordings.alignment import SignalSegment
-from robot_dynamics.recordings.drives import Drives
 from robot_dynamics.recordings.odometry import concatenate_bases, filter_base_motion, slice_base
-from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import choose_cutoff, differentiate, filter_margin, lowpass
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.inputs import Base
+    from robot_dynamics.recordings.alignment import SignalSegment
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 EDGE_PERIODS = 1.0  # periods of the cut-off at each end of a segment, where the filter has data on one side only
 MIN_FILTER_SAMPLES = 20  # samples that the filter needs at any cut-off
@@ -59,7 +64,7 @@ class Motion:
         """Time [s] at which the next sample would be."""
         return self.time + len(self) / self.rate
 
-    def concatenate(self, other: "Motion") -> "Motion":
+    def concatenate(self, other: Motion) -> Motion:
         """The samples of both; `other` begins where this one ends."""
         return replace(
             self,
@@ -72,7 +77,7 @@ class Motion:
             base=concatenate_bases(self.base, other.base),
         )
 
-    def slice_samples(self, begin: int, end: int) -> "Motion":
+    def slice_samples(self, begin: int, end: int) -> Motion:
         """The samples from `begin` to `end`, without the last."""
         rows = slice(begin, end)
         return replace(

@@ -1,11 +1,16 @@
 """Joint samples: the content of one joint state message, read from a bag, a table or a subscription."""
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.recordings.messages import JointStateMessage, stamp_nanoseconds
+from robot_dynamics.recordings.messages import stamp_nanoseconds
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.messages import JointStateMessage
 
 
 class JointSample(NamedTuple):

@@ -1,11 +1,15 @@
 """Which columns of a message belong to which joints of the model, cached for each kind of message."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.joint_samples import JointSample
-from robot_dynamics.recordings.sample_statistics import SampleStatistics
+
+if TYPE_CHECKING:
+    from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 MAX_MESSAGE_LAYOUTS = 1000  # kinds of messages whose columns are cached
 

@@ -1,9 +1,12 @@
 """The fields of ROS messages that recordings use, of `rosbags` as of rclpy."""
 
-from collections.abc import Sequence
-from typing import Protocol
+from __future__ import annotations
 
-from robot_dynamics.array_types import ArrayLike
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
 

@@ -1,14 +1,21 @@
 """Motion of a moving base: pose, twist and acceleration from odometry, filtered as the joints are."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.inputs import Base
 from robot_dynamics.recordings.joint_samples import JointSample
-from robot_dynamics.recordings.messages import OdometryMessage, QuaternionMessage, VectorMessage, stamp_nanoseconds
+from robot_dynamics.recordings.messages import stamp_nanoseconds
 from robot_dynamics.recordings.signals import differentiate, lowpass
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.messages import OdometryMessage, QuaternionMessage, VectorMessage
 
 POSE_SIGNALS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 TWIST_SIGNALS = ("velocity x", "velocity y", "velocity z", "rotation x", "rotation y", "rotation z")

@@ -1,17 +1,18 @@
 """Recorded positions against the joint limits of a model: far beyond them, their unit is probably wrong."""
 
-from typing import TYPE_CHECKING
+from __future__ import annotations
 
-from robot_dynamics.recordings.joint_motions import Motion
-from robot_dynamics.recordings.sample_statistics import SampleStatistics
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 RANGE_MARGIN = 0.1  # part of the range of a joint by which positions may exceed its limits without a note
 
 
-def note_limit_violations(dynamics: "Dynamics", motion: Motion, statistics: SampleStatistics) -> None:
+def note_limit_violations(dynamics: Dynamics, motion: Motion, statistics: SampleStatistics) -> None:
     """Note the joints whose positions in a motion are far beyond the limits of the model."""
     robot = dynamics.robot
     for name, q in zip(dynamics.joint_names, motion.q.T, strict=True):

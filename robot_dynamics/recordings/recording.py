@@ -1,15 +1,16 @@
 """Recordings: bags, CSV tables and folders of them, opened by their path and read as often as needed."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.alignment import SignalSegment, resample_samples
+from robot_dynamics.recordings.alignment import resample_samples
 from robot_dynamics.recordings.bags import Bag
-from robot_dynamics.recordings.drives import Drives
-from robot_dynamics.recordings.joint_motions import Motion, filter_motions
+from robot_dynamics.recordings.joint_motions import filter_motions
 from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
@@ -17,6 +18,9 @@ from robot_dynamics.recordings.tables import Table
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.recordings.alignment import SignalSegment
+    from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_motions import Motion
 
 ProgressWrapper: TypeAlias = Callable[[Iterable[JointSample]], Iterable[JointSample]]
 """Wraps the iterator over messages, to show progress."""
@@ -39,7 +43,7 @@ class Recording:
     drives: Drives
     base: str | None = None
 
-    def __reduce__(self) -> tuple[Callable[..., "Recording"], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[Callable[..., Recording], tuple[object, ...]]:
         """Pickled as its path: another process opens the files itself."""
         topics = () if isinstance(self.source, Table) else self.topics
         return open_recording, (self.source.path.absolute(), self.drives, topics, self.base)
@@ -157,6 +161,6 @@ def _open_source(path: Path, drives: Drives) -> Bag | Table:
     return Bag(path)
 
 
-def moving_base_link(dynamics: "Dynamics") -> str | None:
+def moving_base_link(dynamics: Dynamics) -> str | None:
     """The argument `base` of `open_recording` for a robot: name of its base link where it moves, else None."""
     return dynamics.robot.base_link if dynamics.robot.moving_base else None

@@ -1,14 +1,18 @@
 """Bands: samples of the joints that are recorded together, with the steps and gaps between them."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, BoolArray, IntArray
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.message_layouts import JointNumbers
-from robot_dynamics.recordings.sample_statistics import SampleStatistics
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
+    from robot_dynamics.recordings.message_layouts import JointNumbers
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 GAP_STEPS = 5.5  # steps of the grid, or of a slower topic, without a sample that are a gap
 OVERLAP_SAMPLES = 8  # samples kept on each side for the interpolation of a segment
@@ -47,7 +51,7 @@ class Band(NamedTuple):
         """Positions, velocities and efforts."""
         return self.position, self.velocity, self.effort
 
-    def select(self, rows: BoolArray | IntArray | slice) -> "Band":
+    def select(self, rows: BoolArray | IntArray | slice) -> Band:
         """The band of some rows: a mask (M,), row numbers or a slice."""
         return Band(self.joints, self.times[rows], self.position[rows], self.velocity[rows], self.effort[rows])
 

@@ -1,11 +1,17 @@
 """Signals: interpolated on a uniform grid, low-pass filtered without delay, and differentiated."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.signal import butter, sosfiltfilt
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 FILTER_ORDER = 4  # of the Butterworth filter, which runs forward and backward
 DEFAULT_CUTOFF = 8.0  # [Hz] above the motion of collaborative arms

@@ -4,18 +4,22 @@ Or a folder with one file for positions and one for efforts, as controllers of d
 for each motor, and the rows are equally spaced in time.
 """
 
+from __future__ import annotations
+
 import csv
 from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.drives import TableFiles
 from robot_dynamics.recordings.joint_samples import JointSample
+
+if TYPE_CHECKING:
+    from robot_dynamics.recordings.drives import TableFiles
 
 Field: TypeAlias = Literal["position", "velocity", "effort"]
 Row: TypeAlias = dict[Field | None, Array]  # the numbers (columns,) of a row of each file

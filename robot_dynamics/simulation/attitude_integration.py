@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.constraints import attitude_angles, attitude_charts
 from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.constraints.topology import ConstraintTopology
 
 

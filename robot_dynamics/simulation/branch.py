@@ -5,8 +5,10 @@ branch the motion is smooth there all the same. Values of a model at such a poin
 branch on both sides of it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -16,9 +18,13 @@ from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.constrained_motion import (
     NEAR_SINGULAR_QUALITY,
     SINGULAR_QUALITY,
-    ConstrainedMotion,
-    LoopCoordinates,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.simulation.constrained_motion import (
+        ConstrainedMotion,
+        LoopCoordinates,
+    )
 
 UNDETERMINED_QUALITY = 1e-9
 """Quality of coordinates below which the tangent is rounding."""

@@ -22,12 +22,13 @@ from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
 from robot_dynamics.constraints.state import charted_state_at
-from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
+from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.attitude_integration import AttitudeIntegration
 
 if TYPE_CHECKING:
     from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.dynamics import Dynamics
 
 NEAR_SINGULAR_QUALITY = 1e-2

@@ -1,8 +1,14 @@
 """Mechanical energy of a robot."""
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.model.robot import Robot
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from robot_dynamics.newton_euler.kinematics import link_placements
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
 
 
 def kinetic_energy(A: Array, rates: Array) -> float:

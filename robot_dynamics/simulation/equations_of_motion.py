@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.simulation.branch import TIGHT_CLOSURE_TOLERANCE, find_neighbours, interpolate
 from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY
 from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
     from robot_dynamics.simulation.constrained_motion import ConstrainedMotion
     from robot_dynamics.simulation.ground_contact import GroundContact

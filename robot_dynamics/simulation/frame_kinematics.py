@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.codegen.jit.compiled_models import PythonProgram
-from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program
+from robot_dynamics.codegen.jit.compiled_program import compile_program
+from robot_dynamics.codegen.jit.python_program import PythonProgram
 from robot_dynamics.codegen.trace.models import frames_model
 from robot_dynamics.errors import CompilationError
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
     from robot_dynamics.dynamics import Dynamics
 
 

@@ -6,13 +6,18 @@ steps would chatter instead. Viscous friction that is too strong for explicit st
 p = -Fv h v. Source: J. J. Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988 (time stepping).
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, IntArray
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.model.robot import Robot
 
 MAX_SWEEPS = 200
 CONVERGENCE_TOLERANCE = 1e-12

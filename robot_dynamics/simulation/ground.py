@@ -1,11 +1,16 @@
 """Elastic ground: a spring and a damper under each contact point, and Coulomb friction along the ground."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import DescriptionError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.simulation.frame_kinematics import FrameKinematics
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.ground import Ground
     from robot_dynamics.simulation.plant import Plant
 

@@ -7,12 +7,16 @@ L - c × P. An integrator conserves both up to its order; the simulation correct
 conserved up to rounding.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.newton_euler.screw import cross
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 
 class Momentum(NamedTuple):

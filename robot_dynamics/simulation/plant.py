@@ -12,17 +12,18 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import Base
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.simulation.branch import evaluate_on_branch
-from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
+from robot_dynamics.simulation.constrained_motion import ConstrainedMotion
 
 if TYPE_CHECKING:
-    from robot_dynamics.codegen.jit.compiled_models import PythonProgram
+    from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.codegen.jit.python_program import PythonProgram
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
 
     Program = CompiledProgram | PythonProgram
 

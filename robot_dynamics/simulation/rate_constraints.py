@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 import numpy as np
 from scipy.linalg import null_space
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.simulation.wheels import RollingConstraints
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.plant import Plant
     from robot_dynamics.simulation.wheels import Wheel
 

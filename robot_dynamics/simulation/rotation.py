@@ -8,11 +8,15 @@ The functions compute on Python floats: they run several times in each step, whe
 ten times as much. `constraints.attitude_angles.rotation_exponential` is the exponential for batches.
 """
 
+from __future__ import annotations
+
 from math import cos, sin, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 MAX_SQUARED_ANGLE = 1e6
 """Squared angle [rad²] beyond which a rotation within one step is meaningless: the integration diverges."""

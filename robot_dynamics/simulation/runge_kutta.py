@@ -10,11 +10,15 @@ therefore estimates the error of an embedded method of order 4 at no cost. The e
 method itself, and grows at once where a step is too long.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 NODES = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
 STAGES = (

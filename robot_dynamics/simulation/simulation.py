@@ -9,26 +9,33 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
-from robot_dynamics.inputs import Base, require_finite, require_pose
+from robot_dynamics.inputs import require_finite, require_pose
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.simulation.energy import kinetic_energy, potential_energy
 from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
 from robot_dynamics.simulation.friction_impulses import separate_friction
-from robot_dynamics.simulation.ground import Ground
 from robot_dynamics.simulation.ground_contact import GroundContact
-from robot_dynamics.simulation.momentum import Momentum, momentum
+from robot_dynamics.simulation.momentum import momentum
 from robot_dynamics.simulation.plant import Plant, convective_acceleration
-from robot_dynamics.simulation.rate_constraints import BASE_TYPES, BaseType, RateConstraints
-from robot_dynamics.simulation.state import SimulationState
-from robot_dynamics.simulation.step_inputs import JointMotion, build_step_inputs
+from robot_dynamics.simulation.rate_constraints import BASE_TYPES, RateConstraints
+from robot_dynamics.simulation.step_inputs import build_step_inputs
 from robot_dynamics.simulation.step_integrator import StepIntegrator
 from robot_dynamics.simulation.time_stepping import TimeStepping
-from robot_dynamics.simulation.wheels import Wheel
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.inputs import Base
+    from robot_dynamics.simulation.ground import Ground
+    from robot_dynamics.simulation.momentum import Momentum
+    from robot_dynamics.simulation.rate_constraints import BaseType
+    from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.step_inputs import JointMotion
+    from robot_dynamics.simulation.wheels import Wheel
 
 
 class Simulation:

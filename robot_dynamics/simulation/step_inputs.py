@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ArrayLike
+from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import require_finite
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
     from robot_dynamics.simulation.constrained_motion import LoopCoordinates
     from robot_dynamics.simulation.plant import Plant

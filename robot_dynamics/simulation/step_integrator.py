@@ -8,20 +8,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation.branch import close_on_branch
 from robot_dynamics.simulation.constrained_motion import NEAR_SINGULAR_QUALITY
 from robot_dynamics.simulation.runge_kutta import increment
-from robot_dynamics.simulation.step_inputs import Conditions, StepInputs
+from robot_dynamics.simulation.step_inputs import Conditions
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
     from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
     from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
     from robot_dynamics.simulation.ground_contact import GroundContact
     from robot_dynamics.simulation.plant import Plant
     from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.step_inputs import StepInputs
 
 logger = logging.getLogger(__name__)
 

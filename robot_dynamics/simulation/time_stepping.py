@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.momentum import Momentum, momentum, twist_from_momentum
 from robot_dynamics.simulation.rotation import exponential, orthonormalize
 from robot_dynamics.simulation.state import SimulationState
 
 if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.constrained_motion import LoopCoordinates
     from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
     from robot_dynamics.simulation.plant import Plant

@@ -6,17 +6,22 @@ component across their axes. These are rows C ν = 0 for ν = [V0; q̇], the twi
 joint velocities. Three more rows keep the base in its plane.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
-from robot_dynamics.model.inertia import skew
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.model.vector_product import skew
 from robot_dynamics.newton_euler.kinematics import joint_placement
 from robot_dynamics.newton_euler.screw import cross
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.robot import Robot
 
 VERTICAL = np.array([0.0, 0.0, 1.0])
 PLANAR_BASE_ROWS = np.eye(6)[[2, 3, 4]]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.model.inertia import skew
+from robot_dynamics.model.vector_product import skew
 
 
 class Rows(NamedTuple):

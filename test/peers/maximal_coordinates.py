@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robot_dynamics.model.inertia import skew
+from robot_dynamics.model.vector_product import skew
 
 from .constrained_motion import constrained_motion
 from .link_motion import link_motion

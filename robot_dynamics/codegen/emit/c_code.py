@@ -4,12 +4,14 @@ The functions allocate no memory and read all inputs before they write outputs, 
 Several threads may call them at once.
 """
 
+from __future__ import annotations
+
 import textwrap
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from robot_dynamics.codegen.emit.c_reserved_names import RESERVED_NAMES
 from robot_dynamics.codegen.emit.code_text import (
-    NamedVectors,
     UniqueNames,
     VariableNames,
     float_literal,
@@ -20,8 +22,13 @@ from robot_dynamics.codegen.emit.code_text import (
     sanitize_comment,
     setup_nodes,
 )
-from robot_dynamics.codegen.trace.program import Program, Statement
 from robot_dynamics.codegen.trace.scalar import PARAMETER, SIGN
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.emit.code_text import (
+        NamedVectors,
+    )
+    from robot_dynamics.codegen.trace.program import Program, Statement
 
 OPERATION_LABELS = ("multiplications", "additions", "divisions", "sines and cosines", "square roots", "signs")
 WIDTH = 110

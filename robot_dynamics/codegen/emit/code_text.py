@@ -4,14 +4,16 @@ Names come from robot descriptions of unknown origin. Identifiers keep only thei
 underscores; comments keep nothing that could end a comment, a string or a line.
 """
 
+from __future__ import annotations
+
 import itertools
 import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from robot_dynamics.codegen.trace.program import Output, Program, Statement, constant_values
+from robot_dynamics.codegen.trace.program import constant_values
 from robot_dynamics.codegen.trace.scalar import (
     ADD,
     COSINE,
@@ -24,8 +26,13 @@ from robot_dynamics.codegen.trace.scalar import (
     SINE,
     SQUARE_ROOT,
     SUBTRACT,
-    Operation,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.trace.program import Output, Program, Statement
+    from robot_dynamics.codegen.trace.scalar import (
+        Operation,
+    )
 
 NamedVectors: TypeAlias = Sequence[tuple[str, Sequence[str]]]
 """(sentence, joint names) of vectors that have other joints than the rest."""

@@ -3,15 +3,17 @@
 Floats behave as in compiled code: the sine of an infinity is NaN, and division by zero gives an infinity.
 """
 
+from __future__ import annotations
+
 import builtins
 import functools
 import keyword
 import textwrap
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from robot_dynamics.codegen.emit.code_text import (
     FUNCTIONS,
-    NamedVectors,
     UniqueNames,
     VariableNames,
     float_literal,
@@ -22,38 +24,15 @@ from robot_dynamics.codegen.emit.code_text import (
     sanitize_comment,
     setup_nodes,
 )
-from robot_dynamics.codegen.trace.program import Program, Statement
-from robot_dynamics.codegen.trace.scalar import COSINE, DIVIDE, PARAMETER, SIGN, SINE, SQUARE_ROOT, Operation
+from robot_dynamics.codegen.emit.python_helpers import HELPERS
+from robot_dynamics.codegen.trace.scalar import DIVIDE, PARAMETER
 
-HELPERS: dict[Operation, str] = {
-    SINE: '''
-def sin(x):
-    """The sine, NaN of an infinity."""
-    return math.sin(x) if math.isfinite(x) else math.nan
-''',
-    COSINE: '''
-def cos(x):
-    """The cosine, NaN of an infinity."""
-    return math.cos(x) if math.isfinite(x) else math.nan
-''',
-    SQUARE_ROOT: '''
-def sqrt(x):
-    """The square root, NaN of a negative number."""
-    return math.sqrt(x) if x >= 0 else math.nan
-''',
-    SIGN: '''
-def sign(x):
-    """1, -1 or 0; NaN of NaN."""
-    return 1.0 if x > 0 else -1.0 if x < 0 else x + 0.0
-''',
-    DIVIDE: '''
-def divide(x, y):
-    """x / y, also for y = 0."""
-    if y == 0:
-        return math.nan if x == 0 or x != x else math.copysign(math.inf, x) * math.copysign(1.0, y)
-    return x / y
-''',
-}
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.emit.code_text import (
+        NamedVectors,
+    )
+    from robot_dynamics.codegen.trace.program import Program, Statement
+
 RESERVED = {*keyword.kwlist, *keyword.softkwlist, *dir(builtins), *FUNCTIONS.values()}
 RESERVED |= {"divide", "math", "setup", "constants", "fallback", "inf", "nan"}
 WIDTH = 110

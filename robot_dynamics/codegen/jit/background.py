@@ -4,6 +4,8 @@ There is one thread because LLVM compiles one program at a time anyway, and a pr
 for at most one other. The thread ends when there is no work left, so that an idle process has none.
 """
 
+from __future__ import annotations
+
 import os
 from collections import deque
 from collections.abc import Callable
@@ -37,7 +39,7 @@ class _WorkQueue:
                 method(*arguments)
             del method  # or its object would live until the next item
 
-    def _next(self) -> tuple["WeakMethod[Callable[..., object]]", tuple[Any, ...]] | None:
+    def _next(self) -> tuple[WeakMethod[Callable[..., object]], tuple[Any, ...]] | None:
         with self._lock:
             # Python waits for its threads once the main one has ended: the remaining work has no reader.
             if self._waiting and main_thread().is_alive():

@@ -1,38 +1,61 @@
 """The models of one robot as programs that run: traced and compiled when they are needed, each once."""
 
+from __future__ import annotations
+
 import logging
 import time
 from collections.abc import Callable, Mapping
 from functools import cache, partial
-from typing import NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
-from robot_dynamics.codegen.jit.python_program import PythonProgram
-from robot_dynamics.codegen.trace import models
+from robot_dynamics.codegen.jit.program_key import ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.errors import CompilationError, SingularModelError
-from robot_dynamics.model.robot import Robot
 
-__all__ = ["MODELS", "CompiledModels", "ProgramKey", "PythonProgram", "RunnableProgram", "available_models"]
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.jit.python_program import PythonProgram
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.model.robot import Robot
+
+    RunnableProgram: TypeAlias = CompiledProgram | PythonProgram
+    """A program that can be called."""
+
+__all__ = ["MODELS", "CompiledModels", "available_models"]
 
 logger = logging.getLogger(__name__)
 
-RunnableProgram: TypeAlias = CompiledProgram | PythonProgram
-"""A program that can be called."""
+
+def _model_tracer(name: str) -> Callable[..., Program]:
+    """The function of codegen.trace.models that traces a model, imported when it is called.
+
+    Programs come from the cache in most processes: then nothing is traced.
+    """
+
+    def trace(robot: Robot, **options: Any) -> Program:
+        from robot_dynamics.codegen.trace import models
+
+        program: Program = getattr(models, f"{name}_model")(robot, **options)
+        return program
+
+    return trace
+
 
 MODELS: dict[str, Callable[..., Program]] = {
-    "inverse": models.inverse_model,
-    "direct": models.direct_model,
-    "inertia_matrix": models.inertia_matrix_model,
-    "gravity": models.gravity_model,
-    "coriolis": models.coriolis_model,
-    "bias": models.bias_model,
-    "friction": models.friction_model,
-    "regressor": models.regressor_model,
-    "closure": models.closure_model,
-    "state_derivative": models.state_derivative_model,
+    name: _model_tracer(name)
+    for name in (
+        "inverse",
+        "direct",
+        "inertia_matrix",
+        "gravity",
+        "coriolis",
+        "bias",
+        "friction",
+        "regressor",
+        "closure",
+        "state_derivative",
+    )
 }
 """The function that traces each model."""
 
@@ -44,30 +67,6 @@ COMPILE_THRESHOLD = 0.05
 
 MAX_PROGRAMS = 24
 """Programs of one robot compiled in the background; a limit for callers whose external wrenches keep changing links."""
-
-
-class ProgramKey(NamedTuple):
-    """The model and the options that select a program of a robot.
-
-    Attributes
-    ----------
-    name : str
-        A name in MODELS.
-    wrenches : tuple of str
-        Links on which external wrenches act.
-    prescribed_base : bool
-        Whether the acceleration of the base is an input.
-    with_pivots : bool
-        Whether the outputs that reveal singular states are computed too.
-    independent : tuple of int or None
-        Numbers of the independent joints; None for those of Dynamics.
-    """
-
-    name: str
-    wrenches: tuple[str, ...] = ()
-    prescribed_base: bool = False
-    with_pivots: bool = False
-    independent: tuple[int, ...] | None = None
 
 
 def available_models(robot: Robot) -> dict[str, Callable[..., Program]]:
@@ -180,6 +179,8 @@ def _compile_model(robot: Robot, key: ProgramKey) -> RunnableProgram:
         program = (cache_key and load_program(cache_key, trace)) or compile_program(trace(), key=cache_key)
     except CompilationError as error:
         _warn_once(str(error))
+        from robot_dynamics.codegen.jit.python_program import PythonProgram  # seldom needed
+
         program = PythonProgram(trace())
     seconds = time.perf_counter() - started
     logger.debug("%s of %r: %s, ready in %.3f s", key.name, robot.name, program.interface.operations, seconds)

@@ -1,5 +1,7 @@
 """A straight-line program compiled to machine code, for one sample in buffers or a batch of samples."""
 
+from __future__ import annotations
+
 import ctypes
 import math
 import sys
@@ -11,17 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.jit.constant_folding import fold_constants
-from robot_dynamics.codegen.jit.machine_code import MachineCode, TracedProgram
+from robot_dynamics.codegen.jit.machine_code import MachineCode
 from robot_dynamics.codegen.jit.runtime import FunctionOwner, make_python_callable
 from robot_dynamics.codegen.jit.threads import run_in_threads
-from robot_dynamics.codegen.trace.program import Interface, Program, ProgramResult
 from robot_dynamics.codegen.trace.scalar import PARAMETER
 from robot_dynamics.errors import CompilationError, InvalidInputError, describe_unknown_name
 
 if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
+    from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.engine import Library
+    from robot_dynamics.codegen.jit.machine_code import TracedProgram
+    from robot_dynamics.codegen.trace.program import Interface, Program, ProgramResult
 
 MIN_WORK_PER_THREAD = 2e7
 """Statements times samples, about 0.4 ms; for less, a thread may take longer to start than it saves."""
@@ -34,7 +37,7 @@ BATCH_LOOP_TYPE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64,
 
 def compile_program(
     program: Program, parameters: Mapping[str, float] | None = None, key: str | None = None
-) -> "CompiledProgram":
+) -> CompiledProgram:
     """Compile a program.
 
     Parameters
@@ -65,7 +68,7 @@ def compile_program(
     return compiled
 
 
-def load_program(key: str, trace: Callable[[], Program]) -> "CompiledProgram | None":
+def load_program(key: str, trace: Callable[[], Program]) -> CompiledProgram | None:
     """Load a program that was compiled with a key.
 
     Parameters
@@ -280,7 +283,7 @@ def _docstring(interface: Interface) -> str:
     return f"{interface.name}({arguments})\n\nWithout the outputs it returns new arrays; see CompiledProgram."
 
 
-def _load_library(load: "Callable[[], Library]") -> "Library":
+def _load_library(load: Callable[[], Library]) -> Library:
     """The result of `load`. Raises CompilationError for the errors that may stop it."""
     if sys.implementation.name != "cpython" or ctypes.sizeof(ctypes.c_void_p) != 8:
         raise CompilationError("compiled programs need CPython on a 64-bit machine")

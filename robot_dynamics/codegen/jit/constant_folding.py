@@ -1,16 +1,21 @@
 """Values of a program that are known before a call: constants, parameters, and the setup that follows from them."""
 
+from __future__ import annotations
+
 import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robot_dynamics.codegen.emit.code_text import FUNCTIONS, INFIX
-from robot_dynamics.codegen.emit.python_source import HELPERS
-from robot_dynamics.codegen.trace.program import Program, constant_values
+from robot_dynamics.codegen.emit.python_helpers import HELPERS
+from robot_dynamics.codegen.trace.program import constant_values
 from robot_dynamics.codegen.trace.scalar import PARAMETER
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.trace.program import Program
 
 
 def fold_constants(program: Program, parameters: Mapping[str, float] | None = None) -> dict[int, float]:

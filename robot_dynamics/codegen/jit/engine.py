@@ -1,5 +1,7 @@
 """LLVM IR text to addresses of functions, by llvmlite: compiled for this processor or loaded from the cache."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, NamedTuple
@@ -56,7 +58,7 @@ class Module(NamedTuple):
     text: Callable[[], str]
 
     @classmethod
-    def from_text(cls, text: str) -> "Module":
+    def from_text(cls, text: str) -> Module:
         """A Module whose text is its own key."""
         return cls(text, lambda: text)
 

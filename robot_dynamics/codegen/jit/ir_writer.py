@@ -1,11 +1,17 @@
 """Steps of a program as lines of LLVM IR, for doubles or vectors of doubles."""
 
-from collections.abc import Callable, Mapping, Sequence
+from __future__ import annotations
 
-from robot_dynamics.codegen.jit.schedule import LOAD, SINCOS, STORE, Part, Step, StepOperation
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from robot_dynamics.codegen.jit.schedule import LOAD, SINCOS, STORE
 from robot_dynamics.codegen.jit.sincos import double_literal, splat, vector_type
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.codegen.trace.scalar import ADD, DIVIDE, MULTIPLY, SIGN, SQUARE_ROOT, SUBTRACT
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.jit.schedule import Part, Step, StepOperation
+    from robot_dynamics.codegen.trace.program import Program
 
 INSTRUCTIONS: dict[StepOperation, str] = {
     ADD: "fadd contract",

@@ -4,7 +4,10 @@ Both read all inputs before they write an output. A long program is split into p
 because the time to compile a function grows faster than its length. %scratch has the values that later parts read.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from robot_dynamics.codegen.jit.ir_writer import IRWriter
 from robot_dynamics.codegen.jit.row_transpose import (
@@ -14,10 +17,13 @@ from robot_dynamics.codegen.jit.row_transpose import (
     row_pointers,
     write_columns,
 )
-from robot_dynamics.codegen.jit.schedule import SINCOS, STORE, Part, Step, group_sincos, list_steps, split_into_parts
+from robot_dynamics.codegen.jit.schedule import SINCOS, STORE, group_sincos, list_steps, split_into_parts
 from robot_dynamics.codegen.jit.sincos import out_of_range_mask, vector_type
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.codegen.trace.scalar import INPUT
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.jit.schedule import Part, Step
+    from robot_dynamics.codegen.trace.program import Program
 
 MAX_PART_LENGTH = 5000
 MAX_SINCOS_GROUP = 8

@@ -1,5 +1,7 @@
 """The machine code of a program: compiled from its statements, or loaded from the cache without them."""
 
+from __future__ import annotations
+
 import ctypes
 import json
 from collections.abc import Callable
@@ -41,7 +43,7 @@ class MachineCode:
         self._key = key
 
     @classmethod
-    def from_cache(cls, key: str, trace: Callable[[], TracedProgram]) -> "MachineCode | None":
+    def from_cache(cls, key: str, trace: Callable[[], TracedProgram]) -> MachineCode | None:
         """The MachineCode that was stored for a key, None if there is none."""
         try:
             fields = json.loads(load(_interface_key(key)) or b"")
@@ -66,7 +68,7 @@ class MachineCode:
     def _traced(self) -> TracedProgram:
         return self._trace()
 
-    def sample_library(self) -> "Library":
+    def sample_library(self) -> Library:
         """The Library with `evaluate`, the Python function of one sample."""
         from robot_dynamics.codegen.jit.engine import Library, Module
 
@@ -76,14 +78,14 @@ class MachineCode:
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
         return library
 
-    def batch_library(self, sample_library: "Library") -> "Library":
+    def batch_library(self, sample_library: Library) -> Library:
         """The Library with `batch`, the loop over samples, which calls `sample` of the other library."""
         from robot_dynamics.codegen.jit.engine import Library
 
         imports = {name: sample_library[name] for name in ("sample", "runtime")}
         return Library([self._module("batch", self._batch_text)], ["batch"], imports)
 
-    def _module(self, function: str, text: Callable[[], str]) -> "Module":
+    def _module(self, function: str, text: Callable[[], str]) -> Module:
         from robot_dynamics.codegen.jit.engine import Module
 
         return Module.from_text(text()) if self._key is None else Module(f"{function} {self._key}", text)

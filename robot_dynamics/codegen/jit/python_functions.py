@@ -3,16 +3,17 @@
 Floats behave as in compiled code: the sine of an infinity is NaN, and division by zero gives an infinity.
 """
 
+from __future__ import annotations
+
 import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.emit.code_text import (
     UniqueNames,
     VariableNames,
@@ -24,9 +25,12 @@ from robot_dynamics.codegen.emit.code_text import (
 )
 from robot_dynamics.codegen.emit.python_source import RESERVED, list_literal, python_literal, python_source, summary
 from robot_dynamics.codegen.jit.constant_folding import fold_constants
-from robot_dynamics.codegen.trace.program import Output, Program, ProgramResult, Statement
 from robot_dynamics.codegen.trace.scalar import COSINE, DIVIDE, INPUT, SIGN, SINE, SQUARE_ROOT
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.codegen.trace.program import Output, Program, ProgramResult, Statement
 
 INLINE_SIGN = "1.0 if (x_ := {}) > 0 else -1.0 if x_ < 0 else x_ + 0.0"
 
@@ -151,9 +155,7 @@ def _sample_arrays(program: Program, inputs: Sequence[ArrayLike]) -> list[Array]
     return arrays
 
 
-def _compile(
-    program: Program, body: "_FunctionBody", lines: Sequence[str], scope: dict[str, Any]
-) -> Callable[..., Any]:
+def _compile(program: Program, body: _FunctionBody, lines: Sequence[str], scope: dict[str, Any]) -> Callable[..., Any]:
     """The function with some lines, in a scope with the names that they read."""
     text = "\n    ".join([f"def {body.function}({', '.join(body.inputs.values())}):", *lines])
     exec(compile(text, "<robot_dynamics>", "exec"), scope)

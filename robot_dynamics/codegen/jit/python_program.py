@@ -1,11 +1,17 @@
 """A straight-line program run as Python, for machines on which nothing compiles."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.jit.python_functions import python_batch, python_function
-from robot_dynamics.codegen.trace.program import Program, ProgramResult
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.codegen.trace.program import Program, ProgramResult
 
 
 class PythonProgram:

@@ -3,6 +3,8 @@
 The code contains only indices in the table, so that it can be stored on disk and loaded by another process.
 """
 
+from __future__ import annotations
+
 import ctypes
 import sys
 from array import array, typecodes
@@ -41,7 +43,7 @@ NEW_ARRAY_SLOT = 93
 """Indices in the table of NumPy's C interface, the same in all versions since 1.0."""
 
 
-def runtime_table() -> "ctypes.Array[ctypes.c_void_p]":
+def runtime_table() -> ctypes.Array[ctypes.c_void_p]:
     """The addresses of SLOTS. Raises OSError, AttributeError or RuntimeError if one is missing."""
     library = _math_library()
     addresses = [_address(library.sin), _address(library.cos)]

@@ -1,11 +1,15 @@
 """The steps in which a program is emitted: their order, sines paired with cosines, and the parts of a long program."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.codegen.trace.scalar import COSINE, INPUT, SINE, Operation
+
+if TYPE_CHECKING:
+    from robot_dynamics.codegen.trace.program import Program
 
 LOAD: Literal["load"] = "load"
 STORE: Literal["store"] = "store"

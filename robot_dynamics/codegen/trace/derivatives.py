@@ -6,15 +6,15 @@ for weights w of the outputs y, at about four times the cost of y, for any numbe
 are computed together, as arrays. Source: Griewank and Walther, "Evaluating Derivatives", chapter 3.
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.jit.compiled_program import fold_finite_constants
-from robot_dynamics.codegen.trace.program import Program
 from robot_dynamics.codegen.trace.scalar import (
     ADD,
     COSINE,
@@ -25,9 +25,15 @@ from robot_dynamics.codegen.trace.scalar import (
     SINE,
     SQUARE_ROOT,
     SUBTRACT,
-    Operands,
-    Operation,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.codegen.trace.scalar import (
+        Operands,
+        Operation,
+    )
 
 
 class Evaluation(NamedTuple):
@@ -41,7 +47,7 @@ class Evaluation(NamedTuple):
     """
 
     outputs: Array
-    values: "dict[int, Array | float]"
+    values: dict[int, Array | float]
 
 
 class DifferentiableProgram:
@@ -124,7 +130,7 @@ class DifferentiableProgram:
                 gradients[name][:, position] = adjoints[number]
         return gradients
 
-    def _value(self, operation: Operation, operands: Operands, values: "dict[int, Array | float]") -> "Array | float":
+    def _value(self, operation: Operation, operands: Operands, values: dict[int, Array | float]) -> Array | float:
         """The result of a statement."""
         x = values[operands[0]]
         if operation == MULTIPLY:
@@ -144,10 +150,10 @@ class DifferentiableProgram:
         self,
         operation: Operation,
         operands: Operands,
-        values: "dict[int, Array | float]",
+        values: dict[int, Array | float],
         number: int,
-        adjoint: "Array | float",
-    ) -> "tuple[tuple[int, Array | float], ...]":
+        adjoint: Array | float,
+    ) -> tuple[tuple[int, Array | float], ...]:
         """(operand, its part of the derivative) for each operand of a statement, from the derivative by its result."""
         x = values[operands[0]]
         if operation == MULTIPLY:

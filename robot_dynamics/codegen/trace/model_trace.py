@@ -1,38 +1,33 @@
 """The trace of one model of a robot: its arguments as symbols, and the quantities that the models combine."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
+from robot_dynamics.codegen.trace.model_arguments import BASE_ARGUMENTS
 from robot_dynamics.codegen.trace.preparation import prepare_robot
-from robot_dynamics.codegen.trace.program import Program, build_program
+from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
 from robot_dynamics.constraints.state import charted_state_at, projection_matrix, state_at
-from robot_dynamics.constraints.topology import ConstraintTopology, build_topology
-from robot_dynamics.model.robot import Robot
+from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 
-ZERO_SCREW = np.zeros(6, dtype=int)
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.constraints.topology import ConstraintTopology
+    from robot_dynamics.model.robot import Robot
 
-MOVING_BASE_ARGUMENTS = ("twist", "gravity")
-BASE_ARGUMENTS = {
-    "inverse": MOVING_BASE_ARGUMENTS,
-    "direct": MOVING_BASE_ARGUMENTS,
-    "state_derivative": MOVING_BASE_ARGUMENTS,
-    "bias": MOVING_BASE_ARGUMENTS,
-    "regressor": MOVING_BASE_ARGUMENTS,
-    "gravity": ("gravity",),
-    "coriolis": ("twist",),
-    "frames": ("twist",),
-}
-"""Additional arguments of each model where the base moves."""
+ZERO_SCREW = np.zeros(6, dtype=int)
 
 CHART_MODELS = (
     "inverse",

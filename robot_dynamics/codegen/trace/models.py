@@ -11,25 +11,30 @@ Arguments and results are those of Dynamics without its checks:
 The shapes below have n independent joints, and m = n, or n + 6 with a moving base.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
-from robot_dynamics.codegen.trace.model_trace import BASE_ARGUMENTS, ZERO_SCREW, ModelTrace, topology_of
+from robot_dynamics.codegen.trace.model_trace import ZERO_SCREW, ModelTrace, topology_of
 from robot_dynamics.codegen.trace.preparation import prepare_robot
-from robot_dynamics.codegen.trace.program import Program, build_program
+from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.charted_regressor import independent_regressor
 from robot_dynamics.constraints.newton_iteration import newton_step
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler import composite
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
 from robot_dynamics.newton_euler.screw import cross
 
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.model.robot import Robot
+
 __all__ = [
-    "BASE_ARGUMENTS",
     "bias_model",
     "closure_model",
     "coriolis_model",

@@ -9,16 +9,21 @@ its link. Where all joints are revolute, only further rotor inertias of special 
 joints near the base leave more, for which `select_independent_columns` finds the dependences numerically.
 """
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.robot import Link, Robot
+from robot_dynamics.model.robot import Link
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
 
 ROUNDING_THRESHOLD = 1e-9
 """Singular values below this fraction of the largest one may be rounding."""

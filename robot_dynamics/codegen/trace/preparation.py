@@ -1,15 +1,20 @@
 """Equivalent descriptions of a robot from which the recursions trace the smallest programs."""
 
+from __future__ import annotations
+
 from collections.abc import Collection
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.codegen.trace.parameter_grouping import group_inertial_parameters
 from robot_dynamics.model.mdh import MDHParameters, cosine_sine, mdh_from_placement, placement_from_mdh
 from robot_dynamics.model.minimal_frames import minimal_frames
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
 
 
 def prepare_robot(

@@ -1,14 +1,15 @@
 """Straight-line programs: the nodes of a trace on which an output depends, and how many operations they take."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.codegen.trace.scalar import (
     ADD,
     CONSTANT,
@@ -22,11 +23,16 @@ from robot_dynamics.codegen.trace.scalar import (
     SINE,
     SQUARE_ROOT,
     SUBTRACT,
-    Operands,
-    Operation,
     Scalar,
-    Trace,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.codegen.trace.scalar import (
+        Operands,
+        Operation,
+        Trace,
+    )
 
 ProgramResult: TypeAlias = Any
 """The outputs of a program: one array, or a tuple of arrays where it has several outputs."""

@@ -6,13 +6,16 @@ nothing: a Scalar is a node and a sign, and sums and products are recorded for p
 a - b and b - a are one node.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
 
 Operation: TypeAlias = Literal[
     "input", "parameter", "constant", "add", "subtract", "multiply", "divide", "sin", "cos", "sqrt", "sign"
@@ -70,22 +73,22 @@ class Trace:
         """Scalars (len(names),) of numbers of the robot that have a name instead of a value."""
         return self._array([self._leaf((PARAMETER, (name,))) for name in names])
 
-    def parameter(self, name: str) -> "Scalar":
+    def parameter(self, name: str) -> Scalar:
         """The Scalar of one named number of the robot."""
         return self._leaf((PARAMETER, (name,)))
 
-    def constant(self, value: Number) -> "Scalar":
+    def constant(self, value: Number) -> Scalar:
         """The Scalar of a number."""
         value = float(value)
         return Scalar(self, self._number((CONSTANT, (abs(value),))), -1 if math.copysign(1.0, value) < 0 else 1)
 
     @staticmethod
-    def _array(scalars: "Sequence[Scalar]") -> ScalarArray:
+    def _array(scalars: Sequence[Scalar]) -> ScalarArray:
         array = np.empty(len(scalars), dtype=object)
         array[:] = scalars
         return array
 
-    def _leaf(self, node: Node) -> "Scalar":
+    def _leaf(self, node: Node) -> Scalar:
         return Scalar(self, self._number(node), 1)
 
     def _number(self, node: Node) -> int:
@@ -104,7 +107,7 @@ class Trace:
         value: float = operands[0]
         return value
 
-    def sum(self, a: "Scalar", b: "Scalar") -> "Scalar":
+    def sum(self, a: Scalar, b: Scalar) -> Scalar:
         """a + b."""
         x = self.constant_value(a.node)
         y = self.constant_value(b.node)
@@ -125,7 +128,7 @@ class Trace:
         operation: Operation = ADD if a.sign == b.sign else SUBTRACT
         return Scalar(self, self._number((operation, (a.node, b.node))), a.sign)
 
-    def _cancel_term(self, term: "Scalar", total: "Scalar") -> "Scalar | None":
+    def _cancel_term(self, term: Scalar, total: Scalar) -> Scalar | None:
         """The other term of `total`, a sum of which `term` is the negative of a term, as in a - (a + b); else None."""
         operation, operands = self.nodes[total.node]
         if operation not in (ADD, SUBTRACT):
@@ -136,7 +139,7 @@ class Trace:
                 return Scalar(self, operands[remaining], signs[remaining])
         return None
 
-    def product(self, a: "Scalar", b: "Scalar") -> "Scalar":
+    def product(self, a: Scalar, b: Scalar) -> Scalar:
         """a b."""
         x = self.constant_value(a.node)
         y = self.constant_value(b.node)
@@ -151,7 +154,7 @@ class Trace:
             return Scalar(self, a.node, sign)
         return Scalar(self, self._number((MULTIPLY, (min(a.node, b.node), max(a.node, b.node)))), sign)
 
-    def quotient(self, a: "Scalar", b: "Scalar") -> "Scalar":
+    def quotient(self, a: Scalar, b: Scalar) -> Scalar:
         """a / b; by a constant it is a product. Raises ZeroDivisionError where b is the constant zero."""
         x = self.constant_value(a.node)
         y = self.constant_value(b.node)
@@ -166,7 +169,7 @@ class Trace:
             return self.constant(sign)
         return Scalar(self, self._number((DIVIDE, (a.node, b.node))), sign)
 
-    def function(self, operation: Operation, a: "Scalar") -> "Scalar":
+    def function(self, operation: Operation, a: Scalar) -> Scalar:
         """The sine, cosine, square root or sign of a Scalar."""
         value = self.constant_value(a.node)
         if value is not None:
@@ -190,7 +193,7 @@ class Scalar:
         self.node = node
         self.sign = sign
 
-    def _combine(self, other: object, record: "Callable[[Scalar, Scalar], Scalar]") -> Any:
+    def _combine(self, other: object, record: Callable[[Scalar, Scalar], Scalar]) -> Any:
         """The result of `record` for this Scalar and another Scalar or number."""
         if isinstance(other, np.ndarray):
             return NotImplemented  # the array combines each of its entries
@@ -218,25 +221,25 @@ class Scalar:
     def __rtruediv__(self, other: object) -> Any:
         return self._combine(other, lambda a, b: self.trace.quotient(b, a))
 
-    def __neg__(self) -> "Scalar":
+    def __neg__(self) -> Scalar:
         return Scalar(self.trace, self.node, -self.sign)
 
-    def __pos__(self) -> "Scalar":
+    def __pos__(self) -> Scalar:
         return self
 
     __radd__ = __add__
     __rmul__ = __mul__
 
-    def sin(self) -> "Scalar":
+    def sin(self) -> Scalar:
         return self.trace.function(SINE, self)
 
-    def cos(self) -> "Scalar":
+    def cos(self) -> Scalar:
         return self.trace.function(COSINE, self)
 
-    def sqrt(self) -> "Scalar":
+    def sqrt(self) -> Scalar:
         return self.trace.function(SQUARE_ROOT, self)
 
-    def signum(self) -> "Scalar":
+    def signum(self) -> Scalar:
         return self.trace.function(SIGN, self)
 
     def __bool__(self) -> bool:

@@ -1,17 +1,22 @@
 """The motion of a moving base, or of other links, as MultiDOFJointTrajectory and as `Base`."""
 
+from __future__ import annotations
+
 from collections.abc import Collection, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import read_poses, read_twists, write_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
 
 
 def read_base(

@@ -1,12 +1,18 @@
 """The motion of a moving base out of nav_msgs/Odometry, in the form that the models of a robot use."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from nav_msgs.msg import Odometry
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.geometry import read_pose, read_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
 
 
 class BaseOdometryReader:
@@ -33,7 +39,7 @@ class BaseOdometryReader:
             self._published = published
             self._rejection_reason = ""
 
-    def continue_from(self, predecessor: "BaseOdometryReader") -> None:
+    def continue_from(self, predecessor: BaseOdometryReader) -> None:
         """Take over the age of the motion from another reader of the same arrays."""
         self._published = predecessor._published
         self._rejection_reason = predecessor._rejection_reason

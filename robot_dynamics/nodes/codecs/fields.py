@@ -1,10 +1,16 @@
 """Fields that all messages share: times in integers, fields that must be empty, values that must be finite."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 from builtin_interfaces.msg import Duration, Time
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 NS_PER_SECOND = 1_000_000_000
 

@@ -3,17 +3,21 @@
 A pose is a homogeneous matrix (4, 4); a twist or an acceleration is (6,), linear before angular.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import Accel, Pose, Transform, Twist, Vector3
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.fields import require_finite
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 QUATERNION_NORM_TOLERANCE = 1e-3  # accepted difference of the norm of a quaternion from 1; within it, it is normalised
 

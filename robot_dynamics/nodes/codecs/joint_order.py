@@ -1,14 +1,19 @@
 """Joints and links of messages, matched with those of the robot by name, never by position."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import IntArray
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import IntArray
+    from robot_dynamics.dynamics import Dynamics
 
 
 def resolve_name(kind: str, name: str, known: Collection[str], namespace: str) -> str:

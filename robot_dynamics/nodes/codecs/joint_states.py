@@ -1,17 +1,22 @@
 """The state of a robot out of streamed sensor_msgs/JointState, matched by name without a search in each message."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from sensor_msgs.msg import JointState
 
-from robot_dynamics.array_types import Array, IntArray
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.dynamics import Dynamics
 
 MAX_MAPPINGS = 16  # lists of names whose mapping is kept
 

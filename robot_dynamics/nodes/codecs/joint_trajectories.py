@@ -1,14 +1,19 @@
 """Points of joint trajectories as messages and as arrays. The .srv files define the fields."""
 
+from __future__ import annotations
+
 from array import array
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array, BoolArray
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.nodes.codecs.joint_order import JointOrder
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.nodes.codecs.joint_order import JointOrder
 
 # accepted difference of a dependent joint from the value that the other joints determine [rad or m, and per second]
 DEPENDENT_JOINT_TOLERANCE = 1e-6

@@ -1,23 +1,27 @@
 """The platforms of a parallel robot in messages: the field `base` has their motion, as that of a moving base."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.placement import to_scipy_rotation
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.base import read_link_motions
 from robot_dynamics.nodes.codecs.fields import require_empty
 from robot_dynamics.nodes.codecs.geometry import write_transform, write_twist
-from robot_dynamics.nodes.codecs.joint_order import JointOrder
-from robot_dynamics.results import JointMotion
 from robot_dynamics_interfaces.srv import DirectDynamics, InverseDynamics, StaticEquilibrium
+
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.nodes.codecs.joint_order import JointOrder
+    from robot_dynamics.results import JointMotion
 
 Request: TypeAlias = InverseDynamics.Request | DirectDynamics.Request | StaticEquilibrium.Request
 

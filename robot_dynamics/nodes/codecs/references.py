@@ -1,14 +1,19 @@
 """References out of trajectory_msgs/JointTrajectory, in the order of the controlled joints."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.fields import require_empty, to_nanoseconds
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 FIELDS = ("positions", "velocities", "accelerations")
 

@@ -1,16 +1,22 @@
 """Wrenches on links as messages and as arrays (6,), force before torque, in the frame of the link."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import Wrench, WrenchStamped
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.fields import NS_PER_SECOND, to_nanoseconds
-from robot_dynamics.nodes.codecs.joint_order import JointOrder, resolve_name
+from robot_dynamics.nodes.codecs.joint_order import resolve_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.nodes.codecs.joint_order import JointOrder
 
 
 def read_wrench(message: Wrench, location: str) -> Array:

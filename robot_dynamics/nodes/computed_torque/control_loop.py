@@ -1,9 +1,12 @@
 """The control loop of computed_torque: states and references in, efforts out, while the node is configured."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import inf
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -11,19 +14,23 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.control.control_law import FEEDFORWARD, GRAVITY, ControlLaw
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.control_law import FEEDFORWARD, GRAVITY
+from robot_dynamics.control.controller import Controller
 from robot_dynamics.control.sending import send_in_time
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.base_odometry import BaseOdometryReader
 from robot_dynamics.nodes.codecs.joint_states import JointStateReader
 from robot_dynamics.nodes.codecs.references import read_reference, read_reference_point
-from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
-from robot_dynamics.nodes.computed_torque.outputs import ControlOutputs
 from robot_dynamics.nodes.diagnostics import DurationStatistics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
-from robot_dynamics.nodes.message_info import MessageInfo
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.control.control_law import ControlLaw
+    from robot_dynamics.control.controller import Settings
+    from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
+    from robot_dynamics.nodes.computed_torque.outputs import ControlOutputs
+    from robot_dynamics.nodes.message_info import MessageInfo
 
 STANDSTILL = 1.0  # [s] of the machine without a state, after which efforts go to zero although the clock stands still
 OTHER_CLOCK_AGE = 10.0  # [s] age of a state that no delay explains

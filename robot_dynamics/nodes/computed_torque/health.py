@@ -1,11 +1,18 @@
 """The diagnostics of computed_torque: its level, and the reasons for it."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from robot_dynamics.control.control_law import GRAVITY
-from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
-from robot_dynamics.nodes.robot_source import RobotSource
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop
+    from robot_dynamics.nodes.diagnostics import Level
+    from robot_dynamics.nodes.robot_source import RobotSource
 
 
 def control_health(

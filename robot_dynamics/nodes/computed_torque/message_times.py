@@ -1,6 +1,9 @@
 """Times of messages in the clock of the node, and how long messages were in transit."""
 
+from __future__ import annotations
+
 from time import time_ns
+from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
@@ -10,7 +13,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds
-from robot_dynamics.nodes.message_info import MessageInfo
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.message_info import MessageInfo
 
 
 class MessageTimes:

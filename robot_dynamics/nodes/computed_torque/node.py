@@ -1,10 +1,12 @@
 """The node computed_torque: joint_states and a reference in, efforts out, at the rate of joint_states."""
 
+from __future__ import annotations
+
 import gc
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
@@ -16,8 +18,6 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
-from robot_dynamics.control.controller import Settings
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, ControlStatistics, PreparedLaw, RejectedLaw
@@ -26,12 +26,11 @@ from robot_dynamics.nodes.computed_torque.health import control_health
 from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
 from robot_dynamics.nodes.computed_torque.outputs import QOS_OVERRIDES, ControlOutputs
 from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS, settings_from_parameters
-from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
+from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.lifecycle import RobustLifecycleNode
-from robot_dynamics.nodes.message_info import MessageInfo, MessageInfoCallback
+from robot_dynamics.nodes.message_info import MessageInfoCallback
 from robot_dynamics.nodes.parameters import (
-    ParameterValues,
     declare_parameters,
     read_parameters,
     try_parameter_change,
@@ -41,6 +40,15 @@ from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
 from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
+
+if TYPE_CHECKING:
+    from robot_dynamics.control.controller import Settings
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.nodes.diagnostics import Level, Values
+    from robot_dynamics.nodes.message_info import MessageInfo
+    from robot_dynamics.nodes.parameters import (
+        ParameterValues,
+    )
 
 MAX_TICK = 0.005  # [s] longest time between two checks of the age of the state
 SWITCH_INTERVAL = 2e-4  # [s] after which a thread that loads a robot lets the streaming thread go on

@@ -1,8 +1,11 @@
 """The topics that computed_torque publishes: efforts, in messages that are reused, and the state of the controller."""
 
+from __future__ import annotations
+
 import math
 from array import array
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -13,9 +16,11 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.control.controller import Controller
 from robot_dynamics.nodes.qos import LATEST_ONLY_QOS
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.control.controller import Controller
 
 QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
 

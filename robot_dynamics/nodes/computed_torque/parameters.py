@@ -1,10 +1,12 @@
 """The parameters of computed_torque, and the Settings of a controller that follow from them."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.control.control_law import (
     COMPUTED_TORQUE,
     FRICTION_VELOCITIES,
@@ -13,11 +15,15 @@ from robot_dynamics.control.control_law import (
     REFERENCE,
 )
 from robot_dynamics.control.controller import Settings
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.joint import UNLIMITED
 from robot_dynamics.model.robot import MASSLESS_WARNING
-from robot_dynamics.nodes.parameters import ParameterSpec, ParameterValues, by_name
+from robot_dynamics.nodes.parameters import ParameterSpec, by_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.nodes.parameters import ParameterValues
 
 SHORTEST_TIME = 1e-4  # [s] smallest value of timeouts
 

@@ -1,5 +1,7 @@
 """Records topics of a node in a bag that rosbag2, Foxglove and PlotJuggler read (MCAP)."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -35,7 +37,7 @@ class BagRecorder:
         self._subscriptions: list[Subscription] = []
         self.message_count = 0
 
-    def __enter__(self) -> "BagRecorder":
+    def __enter__(self) -> BagRecorder:
         self._writer.open()
         store = load_typestore()
         for name, kind in self._topics.items():

@@ -4,11 +4,14 @@ Both nodes run in processes of their own. A step of the simulator waits for the 
 not depend on the load of the machine.
 """
 
+from __future__ import annotations
+
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib import pyplot
@@ -17,16 +20,18 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import MissingPackageError, RobotDynamicsError
 from robot_dynamics.model.loading import load_robot
-from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.demo.bag_recorder import BagRecorder
 from robot_dynamics.nodes.demo.closed_loop_client import ClosedLoopClient
 from robot_dynamics.nodes.demo.motion import Motion
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.recordings.bags import import_rosbag2
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.nodes.client import ServiceClient
 
 FREQUENCY = 3.0  # [Hz], critically damped
 GAINS = {"kp": [float((2 * np.pi * FREQUENCY) ** 2)], "kd": [float(4 * np.pi * FREQUENCY)]}

@@ -1,8 +1,11 @@
 """A simulator and computed_torque in one namespace, as seen by another process: motions in, states out."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from time import monotonic
+from typing import TYPE_CHECKING
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,12 +16,15 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RobotDynamicsError
-from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds, to_time_message
 from robot_dynamics.nodes.codecs.geometry import read_twist
-from robot_dynamics.nodes.demo.motion import Motion, trajectory_points
+from robot_dynamics.nodes.demo.motion import trajectory_points
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.nodes.client import ServiceClient
+    from robot_dynamics.nodes.demo.motion import Motion
 
 LEAD_TIME = 0.3  # [s] of simulated time from the reference to the start of its motion
 REST_TIME = 0.3  # [s] of simulated time after a motion

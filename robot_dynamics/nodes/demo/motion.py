@@ -1,13 +1,18 @@
 """The motion of the demo: a quintic polynomial from rest to rest, as arrays and as messages."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.nodes.codecs.fields import to_duration_message
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +23,7 @@ class Motion:
     goal: Array
     duration: float
 
-    def reversed(self) -> "Motion":
+    def reversed(self) -> Motion:
         """Return the motion back to the start."""
         return Motion(self.goal, self.start, self.duration)
 

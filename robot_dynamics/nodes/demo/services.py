@@ -1,17 +1,22 @@
 """The first part of the demo: calls of a dynamics_server, a table of the results and a picture."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib import pyplot
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.model.loading import load_robot
-from robot_dynamics.nodes.client import ServiceClient
-from robot_dynamics.nodes.demo.motion import Motion, trajectory_points
+from robot_dynamics.nodes.demo.motion import trajectory_points
 from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.nodes.client import ServiceClient
+    from robot_dynamics.nodes.demo.motion import Motion
 
 POINTS = 401
 PAYLOAD_LINK = "panda_link8"

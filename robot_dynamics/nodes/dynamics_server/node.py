@@ -1,12 +1,14 @@
 """The node dynamics_server: inverse and direct dynamics, static equilibria, natural frequencies and the terms of the
 model as services."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 
-from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
+from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.dynamics_server.services import (
     handle_direct_dynamics,
     handle_dynamics_terms,
@@ -24,6 +26,9 @@ from robot_dynamics_interfaces.srv import (
     NaturalFrequencies,
     StaticEquilibrium,
 )
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.diagnostics import Level, Values
 
 SERVICES = (
     (InverseDynamics, "inverse_dynamics", handle_inverse_dynamics),

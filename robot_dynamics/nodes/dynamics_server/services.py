@@ -4,21 +4,22 @@ They raise RobotDynamicsError to refuse a request. `namespace` is that of the no
 links.
 """
 
+from __future__ import annotations
+
 from array import array
 from collections.abc import Sequence
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.dynamics import BASE_ROWS, Dynamics
+from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.nodes.codecs.base import read_base, read_base_point, write_base
 from robot_dynamics.nodes.codecs.fields import require_empty, to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import read_pose
-from robot_dynamics.nodes.codecs.joint_order import JointOrder, match_joints
+from robot_dynamics.nodes.codecs.joint_order import match_joints
 from robot_dynamics.nodes.codecs.joint_trajectories import (
     read_accelerations,
     read_efforts,
@@ -27,21 +28,28 @@ from robot_dynamics.nodes.codecs.joint_trajectories import (
     write_trajectory,
 )
 from robot_dynamics.nodes.codecs.platform import (
-    Request,
     has_platform_motion,
     read_platform_at_rest,
     read_platform_motion,
     write_platforms,
 )
 from robot_dynamics.nodes.codecs.wrenches import read_wrenches, write_reactions
-from robot_dynamics.results import DynamicsResult
-from robot_dynamics_interfaces.srv import (
-    DirectDynamics,
-    DynamicsTerms,
-    InverseDynamics,
-    NaturalFrequencies,
-    StaticEquilibrium,
-)
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.nodes.codecs.joint_order import JointOrder
+    from robot_dynamics.nodes.codecs.platform import (
+        Request,
+    )
+    from robot_dynamics.results import DynamicsResult
+    from robot_dynamics_interfaces.srv import (
+        DirectDynamics,
+        DynamicsTerms,
+        InverseDynamics,
+        NaturalFrequencies,
+        StaticEquilibrium,
+    )
 
 ResultField: TypeAlias = Literal["effort", "accelerations"]
 """Field of trajectory points that a service computes."""
@@ -245,6 +253,6 @@ def _point_times(points: Sequence[JointTrajectoryPoint], empty_fields: Sequence[
     return [to_nanoseconds(point.time_from_start) for point in points]
 
 
-def _float_array(values: Array) -> "array[float]":
+def _float_array(values: Array) -> array[float]:
     """Return values, row by row, in the type that messages hold without a copy."""
     return array("d", np.ascontiguousarray(values).tobytes())

@@ -1,9 +1,15 @@
 """The diagnostics of mobile_base_simulator: its level, and the reason for it."""
 
-from dataclasses import dataclass
+from __future__ import annotations
 
-from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN, Level
-from robot_dynamics.nodes.robot_source import RobotSource
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.diagnostics import Level
+    from robot_dynamics.nodes.robot_source import RobotSource
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,9 @@
 """The inputs of a simulated robot: commands that were received, for as long as they are valid."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
-from typing import TypeAlias, TypedDict
+from typing import TYPE_CHECKING, TypeAlias, TypedDict
 
 import numpy as np
 from geometry_msgs.msg import Twist, WrenchStamped
@@ -9,7 +11,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.array_types import Array, IntArray
+from robot_dynamics.array_types import Array
 from robot_dynamics.control.reference import Trajectory
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds
@@ -17,7 +19,10 @@ from robot_dynamics.nodes.codecs.geometry import read_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name
 from robot_dynamics.nodes.codecs.references import read_reference
 from robot_dynamics.nodes.codecs.wrenches import read_wrench
-from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import IntArray
+    from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
 
 Motion: TypeAlias = Callable[[float], tuple[Array, Array, Array] | Array]
 """Positions, velocities and accelerations (n,) of all joints at a time [s]."""
@@ -64,7 +69,7 @@ class SimulatorInputs:
         self._wrenches: dict[str, tuple[float, Array]] = {}  # with the time at which they were received
         self._reference: tuple[float, Trajectory] | None = None  # likewise
 
-    def continue_from(self, predecessor: "SimulatorInputs") -> None:
+    def continue_from(self, predecessor: SimulatorInputs) -> None:
         """Take over the messages that another simulation of the same joints has received."""
         self.efforts[:] = predecessor.efforts
         self.has_new_efforts = predecessor.has_new_efforts

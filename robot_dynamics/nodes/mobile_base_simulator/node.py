@@ -1,9 +1,11 @@
 """The node mobile_base_simulator: efforts, wheel commands and wrenches in; joint_states, odom, /tf and /clock out."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
@@ -18,17 +20,15 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import SetBool, Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
-from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
+from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.mobile_base_simulator.health import SimulatorStatus, simulator_health
 from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs
 from robot_dynamics.nodes.mobile_base_simulator.parameters import PARAMETERS
 from robot_dynamics.nodes.mobile_base_simulator.simulation_loop import SimulationLoop
 from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import (
-    SimulationSetup,
     build_simulation,
     joint_limit_warnings,
 )
@@ -43,6 +43,13 @@ from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
 from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
+
+if TYPE_CHECKING:
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.nodes.diagnostics import Level, Values
+    from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import (
+        SimulationSetup,
+    )
 
 TICK = 0.001  # [s] between two checks whether steps are due
 

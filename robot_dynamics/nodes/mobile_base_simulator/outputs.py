@@ -1,6 +1,9 @@
 """The state of a simulation as messages."""
 
+from __future__ import annotations
+
 from array import array
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -8,10 +11,12 @@ from geometry_msgs.msg import AccelStamped, TransformStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 
-from robot_dynamics.array_types import Array
 from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.nodes.codecs.geometry import write_accel, write_pose, write_transform, write_twist
-from robot_dynamics.simulation import Simulation, SimulationState
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.simulation import Simulation, SimulationState
 
 
 def joint_state_message(

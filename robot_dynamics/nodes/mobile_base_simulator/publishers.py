@@ -1,7 +1,10 @@
 """The topics that mobile_base_simulator publishes."""
 
+from __future__ import annotations
+
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -13,16 +16,18 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from robot_dynamics.nodes.clocks import CLOCK_TOPIC
-from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs, StepInputs
 from robot_dynamics.nodes.mobile_base_simulator.outputs import (
     acceleration_message,
     joint_state_message,
     odometry_message,
     transform_message,
 )
-from robot_dynamics.nodes.parameters import ParameterValues
 from robot_dynamics.nodes.qos import LATEST_ONLY_QOS
-from robot_dynamics.simulation import Simulation
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs, StepInputs
+    from robot_dynamics.nodes.parameters import ParameterValues
+    from robot_dynamics.simulation import Simulation
 
 try:
     from tf2_msgs.msg import TFMessage

@@ -1,7 +1,10 @@
 """The simulation of the present robot in time: steps when they are due, the state after each."""
 
+from __future__ import annotations
+
 import time
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -10,12 +13,15 @@ from rclpy.node import Node
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds, to_time_message
 from robot_dynamics.nodes.diagnostics import DurationStatistics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
-from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs, StepInputs
+from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs
 from robot_dynamics.nodes.mobile_base_simulator.pacing import MAX_LAG, Pacer
 from robot_dynamics.nodes.mobile_base_simulator.publishers import SimulatorPublishers
-from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
-from robot_dynamics.nodes.parameters import ParameterValues
-from robot_dynamics.simulation import Simulation
+
+if TYPE_CHECKING:
+    from robot_dynamics.nodes.mobile_base_simulator.inputs import StepInputs
+    from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
+    from robot_dynamics.nodes.parameters import ParameterValues
+    from robot_dynamics.simulation import Simulation
 
 MAX_TICK_DURATION = 0.02  # [s] of the machine for the steps of one check: then messages are received again
 REPEAT_INTERVAL = 0.05  # [s] of the machine after which the state is published again while time stands still

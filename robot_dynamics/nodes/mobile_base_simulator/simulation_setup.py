@@ -1,18 +1,23 @@
 """The simulation that follows from the parameters and a robot, at its initial state."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence, Sized
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.array_types import Array, IntArray
 from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.model.robot import Robot
 from robot_dynamics.nodes.codecs.geometry import QUATERNION_NORM_TOLERANCE
-from robot_dynamics.nodes.parameters import ParameterValues
 from robot_dynamics.simulation import Ground, Simulation, Wheel
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.nodes.parameters import ParameterValues
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,16 @@
 """The diagnostics of replay_check: level, message and figures of a live check and of each joint."""
 
-from collections.abc import Iterator, Sequence
+from __future__ import annotations
 
-from robot_dynamics.checking.live_check import JointStatus, LiveCheck
-from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN, Level, Values
-from robot_dynamics.nodes.robot_source import RobotSource
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
+
+if TYPE_CHECKING:
+    from robot_dynamics.checking.live_check import JointStatus, LiveCheck
+    from robot_dynamics.nodes.diagnostics import Level, Values
+    from robot_dynamics.nodes.robot_source import RobotSource
 
 
 def check_health(

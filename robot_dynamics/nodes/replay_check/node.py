@@ -1,9 +1,11 @@
 """The node replay_check: compares the efforts of a running robot, or of a bag that is played, with its model."""
 
+from __future__ import annotations
+
 import time
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -18,17 +20,14 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.checking.live_check import EffortPrediction, LiveCheck
+from robot_dynamics.checking.live_check import LiveCheck
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.cli.replay_check import format_check
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import RecordingError, RobotDynamicsError
 from robot_dynamics.nodes.codecs.fields import to_time_message
-from robot_dynamics.nodes.diagnostics import Diagnostics, Level, Values
+from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.parameters import (
-    ParameterValues,
     declare_parameters,
     read_parameters,
     refuse_startup_changes,
@@ -42,6 +41,15 @@ from robot_dynamics.nodes.runner import make_events_executor, run_node
 from robot_dynamics.recordings.drives import load_drives
 from robot_dynamics.recordings.joint_samples import sample_of_joint_state
 from robot_dynamics.recordings.odometry import OdometryReader
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.checking.live_check import EffortPrediction
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.nodes.diagnostics import Level, Values
+    from robot_dynamics.nodes.parameters import (
+        ParameterValues,
+    )
 
 # inputs wait in the queue while the model computes; outputs of a third of a second are published at once
 INPUT_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -13,7 +13,8 @@ from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, Inertia, InvalidInputError, SingularModelError, load_robot, shipped_robots
 from robot_dynamics.codegen.jit import compiled_models
-from robot_dynamics.codegen.jit.compiled_models import MODELS, PythonProgram
+from robot_dynamics.codegen.jit.compiled_models import MODELS
+from robot_dynamics.codegen.jit.python_program import PythonProgram
 from robot_dynamics.codegen.program_calls import program_key
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
@@ -231,7 +232,7 @@ def test_dynamics_can_be_pickled():
 def test_python_programs_agree_with_compiled_programs():
     robot = load_robot("free_flying_arm")
     program = compiled_models.MODELS["inverse"](robot)
-    slow, fast = compiled_models.PythonProgram(program), Dynamics(robot).compile("inverse")
+    slow, fast = PythonProgram(program), Dynamics(robot).compile("inverse")
     states = random_states(robot, 6, 9, 3)
     arguments = [states.q, states.qd, states.qdd, states.base.twist, np.tile([0, 0, -9.81], (9, 1))]
     for python_result, compiled_result in zip(slow.batch(*arguments), fast.batch(*arguments), strict=True):

@@ -1,15 +1,20 @@
 """Flexible links as YAML text of an MDH table, which `beams` reads back."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.model.beam import COINCIDENCE_TOLERANCE, Beam, Material, RigidBody, Section
+from robot_dynamics.model.beam import COINCIDENCE_TOLERANCE
 from robot_dynamics.model.formats.expression import format_number
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.robot import Link, Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.beam import Beam, Material, RigidBody, Section
+    from robot_dynamics.model.robot import Link, Robot
 
 
 class BeamWriter:

@@ -8,19 +8,23 @@
 The inertia of a row (mass, ...) is a rigid body at its origin. The mass of its beams is added to it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.beam import Beam, Flexibility, Material, RigidBody, Section
 from robot_dynamics.model.beam_sections import SECTION_SHAPES
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
-from robot_dynamics.model.inertia import Inertia
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+    from robot_dynamics.model.inertia import Inertia
 
 SECTION_PROPERTIES = ("area", "second_moment_y", "second_moment_z", "torsion_constant")
 

@@ -5,16 +5,19 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_matrix
 from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
 
 
 class YamlEvaluator:

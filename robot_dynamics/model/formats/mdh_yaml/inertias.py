@@ -1,9 +1,15 @@
 """Inertias of a YAML description."""
 
-from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.placement import placement
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 
 
 def read_inertia(evaluator: YamlEvaluator, body: YamlMapping, path: YamlPath) -> Inertia:

@@ -1,13 +1,18 @@
 """Joints of a YAML description: role, spring, friction and limits."""
 
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from __future__ import annotations
 
-from robot_dynamics.array_types import ScalarArray
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
-from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring, check_joint
+from robot_dynamics.model.joint import Joint, Limits, Spring, check_joint
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+    from robot_dynamics.model.joint import Mimic
 
 
 class RoleConflict(NamedTuple):

@@ -11,13 +11,18 @@ Each copy becomes ordinary rows and loops, with a suffix at the names of its joi
 several platforms, each copy names its own, platform: {antecedent: upper, ...}, and begins on the base of that platform.
 """
 
-from typing import NamedTuple
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.errors import describe_unknown_name
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.formats.mdh_yaml.document import YamlPart
 from robot_dynamics.model.formats.mdh_yaml.loops import LoopDescription
 from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 
 
 class LegCopy(NamedTuple):

@@ -8,24 +8,29 @@
 A revolute or prismatic cut joint becomes a joint of the tree, with a link without inertia (Khalil, section 2.2).
 """
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.formats.mdh_yaml.document import YamlPart
 from robot_dynamics.model.formats.mdh_yaml.joints import (
     describe_unknown_link,
     find_role_conflict,
     read_joint,
     read_spring,
 )
-from robot_dynamics.model.joint import Joint
 from robot_dynamics.model.loop import Loop, LoopEnd, check_loop
 from robot_dynamics.model.mdh_table import make_unique_name
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+    from robot_dynamics.model.joint import Joint
 
 JOINT_KEYS = ("link", "role", "spring", "viscous_friction", "coulomb_friction", "limits", "initial_position", "brake")
 

@@ -11,18 +11,25 @@ Where parallel modules stand on each other, each has its own platform, with the 
     platforms: [{link: lower, ...}, {link: upper, base: lower, ...}]
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath
-from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+from robot_dynamics.model.formats.mdh_yaml.document import YamlPart
 from robot_dynamics.model.formats.mdh_yaml.joints import describe_unknown_link, read_limits
-from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, check_joint
+from robot_dynamics.model.joint import check_joint
 from robot_dynamics.model.placement import roll_pitch_yaw
 from robot_dynamics.model.platform import COORDINATES, Platform, make_coordinate_joints
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+    from robot_dynamics.model.inertia import Inertia
+    from robot_dynamics.model.joint import Joint
 
 BODY_KEYS = ("mass", "first_moments", "inertia", "centre_of_mass", "central_inertia", "initial", "limits")
 

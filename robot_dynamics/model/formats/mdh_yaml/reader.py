@@ -3,18 +3,20 @@
 mdh.schema.json defines the format.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import jsonschema
 import numpy as np
 
-from robot_dynamics.array_types import ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.mdh_yaml.beams import FlexibilityReader
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPart, YamlPath, make_validator
+from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlPart, make_validator
 from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.inertias import read_inertia
 from robot_dynamics.model.formats.mdh_yaml.joints import (
@@ -24,14 +26,20 @@ from robot_dynamics.model.formats.mdh_yaml.joints import (
     read_spring,
 )
 from robot_dynamics.model.formats.mdh_yaml.legs import expand_legs
-from robot_dynamics.model.formats.mdh_yaml.loops import LoopDescription, list_loops, read_loops
+from robot_dynamics.model.formats.mdh_yaml.loops import list_loops, read_loops
 from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms, read_coordinate_joints, read_platforms
 from robot_dynamics.model.formats.mdh_yaml.supplemented_urdf import read_supplemented_urdf
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, Mimic
-from robot_dynamics.model.loop import Loop
+from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.platform import PLATFORM_FRAME
 from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, to_gravity_vector
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike, ScalarArray
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
+    from robot_dynamics.model.formats.mdh_yaml.loops import LoopDescription
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.loop import Loop
 
 HINTS = {
     "a": "in modified parameters the distance along x is d, that along z is r (Craig's a and d)",

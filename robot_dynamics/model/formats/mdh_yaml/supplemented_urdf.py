@@ -6,26 +6,32 @@ loops:
   - {joint: tip, moved: {antecedent: left_tip}, closed_on: {antecedent: right_tip}}
 """
 
+from __future__ import annotations
+
 import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ArrayLike
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import read_file_bytes
-from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.joints import find_role_conflict, read_spring
 from robot_dynamics.model.formats.mdh_yaml.loops import list_loops, read_loops
 from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint, check_joint
-from robot_dynamics.model.robot import Frame, Link, Robot
+from robot_dynamics.model.joint import check_joint
+from robot_dynamics.model.robot import Frame, Link
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike
+    from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
 
 
 def read_supplemented_urdf(

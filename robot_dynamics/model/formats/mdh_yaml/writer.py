@@ -1,26 +1,35 @@
 """Robot to the YAML text of its MDH table, which `read_mdh_yaml` reads back."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.beam import RigidBody
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import format_angle, format_number
 from robot_dynamics.model.formats.mdh_yaml.beam_writer import BeamWriter, bodies_with_own_row, row_inertia
-from robot_dynamics.model.inertia import INERTIA_ENTRIES, Inertia
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import Loop, LoopEnd
+from robot_dynamics.model.inertia import INERTIA_ENTRIES
+from robot_dynamics.model.loop import LoopEnd
 from robot_dynamics.model.mdh import MDHParameters, clean_angle, clean_length, mdh_from_placement
-from robot_dynamics.model.mdh_table import MDHTableRow, build_mdh_table, make_unique_name
+from robot_dynamics.model.mdh_table import build_mdh_table, make_unique_name
 from robot_dynamics.model.placement import invert_placement, placement, roll_pitch_yaw
-from robot_dynamics.model.platform import Platform
-from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot
+from robot_dynamics.model.robot import EARTH_GRAVITY
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.beam import RigidBody
+    from robot_dynamics.model.inertia import Inertia
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.loop import Loop
+    from robot_dynamics.model.mdh_table import MDHTableRow
+    from robot_dynamics.model.platform import Platform
+    from robot_dynamics.model.robot import Frame, Link, Robot
 
 HEADER = """\
 # Modified Denavit-Hartenberg parameters (Khalil and Kleinfinger). SI units: m, rad, kg, N m.

@@ -1,12 +1,17 @@
 """Values of the entries of a SYMORO+ .par: expressions of names, some of which are joint variables."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Container, Mapping
+from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import CONSTANTS, MAX_EXPRESSION_LENGTH, evaluate
-from robot_dynamics.model.formats.par.document import Entry, ParDocument
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.par.document import Entry, ParDocument
 
 PI = {**CONSTANTS, "Pi": math.pi}
 # Characters of expressions, those of a joint variable six times. They take some seconds.

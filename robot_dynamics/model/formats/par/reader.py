@@ -7,22 +7,28 @@ The rows NL + 1 to NJ are cut joints, frames k: passive joints that move a link 
 The rows NJ + 1 to NF are the fixed frames k+B with which they coincide, in the same order (Khalil, section 2.2).
 """
 
+from __future__ import annotations
+
 import logging
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_types import ArrayLike, ScalarArray
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.par.document import DRIVE, FORCES, MOTION, Entry, NameComment, ParDocument
+from robot_dynamics.model.formats.par.document import DRIVE, FORCES, MOTION, ParDocument
 from robot_dynamics.model.formats.par.evaluator import ParEvaluator
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, Inertia, symmetric_matrix
 from robot_dynamics.model.joint import Joint, Spring
 from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, to_gravity_vector
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike, ScalarArray
+    from robot_dynamics.model.formats.par.document import Entry, NameComment
 
 logger = logging.getLogger(__name__)
 

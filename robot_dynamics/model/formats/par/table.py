@@ -1,18 +1,23 @@
 """A Robot as the rows of a SYMORO+ .par: its links and fixed frames, then cut joints, then frames that close loops."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.joint import Joint
-from robot_dynamics.model.loop import Loop, LoopEnd
-from robot_dynamics.model.mdh import ROUNDING, MDHParameters, mdh_from_placement
+from robot_dynamics.model.mdh import ROUNDING, mdh_from_placement
 from robot_dynamics.model.mdh_table import build_mdh_table
-from robot_dynamics.model.robot import Frame, Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.loop import Loop, LoopEnd
+    from robot_dynamics.model.mdh import MDHParameters
+    from robot_dynamics.model.robot import Frame, Robot
 
 
 class ParRow(NamedTuple):

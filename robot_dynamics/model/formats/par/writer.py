@@ -14,19 +14,26 @@ are expressed, at that row, while its own row is where the joint moves it. Fixed
 to others.
 """
 
+from __future__ import annotations
+
 import unicodedata
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.expression import format_angle, format_number
 from robot_dynamics.model.formats.par.document import GEOMETRY, MAX_PAR_LENGTH, MAX_ROWS
-from robot_dynamics.model.formats.par.table import ParRow, ParTable, build_par_table
+from robot_dynamics.model.formats.par.table import ParRow, build_par_table
 from robot_dynamics.model.inertia import INERTIA_ENTRIES
-from robot_dynamics.model.joint import Joint, Limits
+from robot_dynamics.model.joint import Limits
 from robot_dynamics.model.mdh import MDHParameters
-from robot_dynamics.model.robot import Robot
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.par.table import ParTable
+    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.robot import Robot
 
 ANGLES = ("gamma", "alpha", "theta")
 DRIVE = {"IA": "rotor_inertia", "FV": "viscous_friction", "FS": "coulomb_friction"}

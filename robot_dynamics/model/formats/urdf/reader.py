@@ -1,14 +1,15 @@
 """URDF to Robot: moving links become links of the tree; fixed ones are lumped into them and remain as frames."""
 
+from __future__ import annotations
+
 import io
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from lxml import etree
 
-from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.urdf.document import parse_urdf_text
 from robot_dynamics.model.formats.urdf.validation import check_urdf
@@ -17,6 +18,9 @@ from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
 from robot_dynamics.model.robot import EARTH_GRAVITY, MAX_JOINTS, Frame, Link, Robot, to_gravity_vector
 from robot_dynamics.optional_packages import import_optional
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ArrayLike
 
 
 def read_urdf(

@@ -4,24 +4,31 @@ In URDF the axis of a joint passes through the origin of the link that the joint
 not be on the axis z_j. Where it is not, a link `<name>_joint` stands at frame j, and the named link is fixed to it.
 """
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from lxml import etree
 
-from robot_dynamics.array_types import Array, ScalarArray
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.urdf.document import Element
-from robot_dynamics.model.inertia import Inertia, skew
-from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic, Spring
+from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
 from robot_dynamics.model.mdh import ROUNDING, clean_angle
 from robot_dynamics.model.mdh_table import make_unique_name
 from robot_dynamics.model.placement import invert_placement, roll_pitch_yaw
-from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Robot
+from robot_dynamics.model.robot import EARTH_GRAVITY
+from robot_dynamics.model.vector_product import skew
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.formats.urdf.document import Element
+    from robot_dynamics.model.inertia import Inertia
+    from robot_dynamics.model.joint import Joint, Limits
+    from robot_dynamics.model.robot import Frame, Robot
 
 ON_AXIS_TOLERANCE = 1e-12  # relative distance from an axis at which an origin counts as on it
 MAX_CENTRE_OF_MASS_DISTANCE = 1e3  # [m] beyond this the inertia about the centre of mass has too few digits
