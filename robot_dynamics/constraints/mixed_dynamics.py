@@ -189,7 +189,7 @@ def solve_constrained_accelerations(
     robot: Robot,
     G: ScalarArray,
     q: ScalarArray,
-    unknown: Sequence[int],
+    unknown: Collection[int],
     accelerations: ScalarArray,
     forces: ScalarArray,
     bias: ScalarArray,
@@ -201,7 +201,7 @@ def solve_constrained_accelerations(
     robot : Robot
     G : ndarray, shape (..., joints, n)
     q : ndarray, shape (..., joints)
-    unknown : sequence of int
+    unknown : collection of int
         Numbers, ascending, of the independent joints whose acceleration is unknown.
     accelerations : ndarray, shape (..., n)
         Read where they are known.
@@ -234,7 +234,7 @@ def solve_constrained_accelerations(
         bias = apply(transposed, bias)
     size = A.shape[-1]
     # from the tips to the base, so that the zeros between branches stay zero in the factors
-    unknown_rows = np.array([*(base + number for number in reversed(unknown)), *range(base)], dtype=int)
+    unknown_rows = np.array([*(base + number for number in reversed([*unknown])), *range(base)], dtype=int)
     is_known = np.ones(size, dtype=int)
     is_known[unknown_rows] = 0
     no_base = np.zeros((*accelerations.shape[:-1], base), dtype=int)

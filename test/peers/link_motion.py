@@ -1,4 +1,4 @@
-"""Where the links of a robot are and how they move, in the world, as sums over the joints that carry each of them."""
+"""Poses and velocities of the links of a robot in the world, as sums over the joints between each link and the base."""
 
 from typing import NamedTuple
 
@@ -9,7 +9,7 @@ class LinkMotion(NamedTuple):
     """Of every link 0..n, in the world.
 
     poses: (n + 1, 4, 4) of the link frames. velocities: (n + 1, 6), [velocity of the frame's origin; angular velocity].
-    jacobians: (n + 1, 6, n), what each joint rate adds to the velocity of each link, the base at rest.
+    jacobians: (n + 1, 6, n), derivatives of link velocities by joint rates, the base at rest.
     """
 
     poses: np.ndarray
@@ -18,14 +18,14 @@ class LinkMotion(NamedTuple):
 
 
 def joint_displacement(joint, position):
-    """(4, 4): what the variable of a joint [rad or m] does to its frame, about or along its z axis."""
-    moved = np.eye(4)
+    """(4, 4): displacement of a joint's frame by its position [rad or m], about or along its z axis."""
+    displacement = np.eye(4)
     if joint.prismatic:
-        moved[2, 3] = position
+        displacement[2, 3] = position
     else:
         cosine, sine = np.cos(position), np.sin(position)
-        moved[:2, :2] = [[cosine, -sine], [sine, cosine]]
-    return moved
+        displacement[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    return displacement
 
 
 def link_motion(robot, q, qd=None, pose=None, twist=None):
@@ -37,17 +37,17 @@ def link_motion(robot, q, qd=None, pose=None, twist=None):
     """
     n = len(robot.joints)
     poses = [np.eye(4) if pose is None else np.asarray(pose, dtype=float)]
-    carried = np.zeros((n + 1, n), dtype=bool)  # whether a link is moved by a joint
+    is_moved = np.zeros((n + 1, n), dtype=bool)  # of a link by a joint
     for number, (joint, position) in enumerate(zip(robot.joints, q, strict=True)):
         poses.append(poses[joint.antecedent] @ joint.placement @ joint_displacement(joint, position))
-        carried[number + 1] = carried[joint.antecedent]
-        carried[number + 1, number] = True
+        is_moved[number + 1] = is_moved[joint.antecedent]
+        is_moved[number + 1, number] = True
     poses = np.array(poses)
     turns = np.array([not joint.prismatic for joint in robot.joints], dtype=bool)[:, None]
-    axes, feet = poses[1:, :3, 2], poses[1:, :3, 3]
-    linear = np.where(turns, np.cross(axes, poses[:, None, :3, 3] - feet), axes)
+    axes, origins = poses[1:, :3, 2], poses[1:, :3, 3]
+    linear = np.where(turns, np.cross(axes, poses[:, None, :3, 3] - origins), axes)
     angular = np.broadcast_to(np.where(turns, axes, 0.0), linear.shape)
-    jacobians = np.swapaxes(np.concatenate([linear, angular], axis=2) * carried[:, :, None], 1, 2)
+    jacobians = np.swapaxes(np.concatenate([linear, angular], axis=2) * is_moved[:, :, None], 1, 2)
     velocities = jacobians @ (np.zeros(n) if qd is None else np.asarray(qd, dtype=float))
     if twist is not None:
         R = poses[0, :3, :3]

@@ -1,4 +1,4 @@
-"""Closed states of robots with loops: an own small Newton method from nearby, and the rates that keep loops closed."""
+"""Closed states of robots with loops: an independent Newton method, and rates that keep loops closed."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -10,28 +10,28 @@ RANK = 1e-8  # part of the largest singular value below which others count as ze
 
 
 def coupling(robot):
-    """(S, offset): positions (n,) of all joints are S x + offset, x those of joints that follow no other one."""
+    """(S, offset): positions (n,) of all joints are S x + offset, x those of joints that mimic no other joint."""
     numbers = {joint.name: number for number, joint in enumerate(robot.joints)}
-    free = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
-    S, offset = np.zeros((len(robot.joints), len(free))), np.zeros(len(robot.joints))
+    non_mimic = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
+    S, offset = np.zeros((len(robot.joints), len(non_mimic))), np.zeros(len(robot.joints))
     for number, joint in enumerate(robot.joints):
         if joint.mimic is None:
-            S[number, free.index(number)] = 1
+            S[number, non_mimic.index(number)] = 1
         else:
-            S[number, free.index(numbers[joint.mimic.joint])] = joint.mimic.multiplier
+            S[number, non_mimic.index(numbers[joint.mimic.joint])] = joint.mimic.multiplier
             offset[number] = joint.mimic.offset
     return S, offset
 
 
 def loop_gaps(robot, q):
-    """(m,) [m, rad]: how far frames k are from frames k+B, three numbers for a ball joint, else six."""
+    """(m,) [m, rad]: how far frames k are from frames k+B, three numbers for a spherical joint, else six."""
     poses = link_motion(robot, q).poses
     gaps = []
     for loop in robot.loops:
-        k, other = (poses[end.link] @ end.placement for end in loop.ends)
-        gaps.append(k[:3, 3] - other[:3, 3])
+        k, opposite = (poses[end.link] @ end.placement for end in loop.ends)
+        gaps.append(k[:3, 3] - opposite[:3, 3])
         if not loop.is_spherical:
-            gaps.append(Rotation.from_matrix(k[:3, :3] @ other[:3, :3].T).as_rotvec())
+            gaps.append(Rotation.from_matrix(k[:3, :3] @ opposite[:3, :3].T).as_rotvec())
     return np.concatenate([np.zeros(0), *gaps])
 
 
@@ -40,8 +40,8 @@ def loop_jacobian(robot, q):
     motion = link_motion(robot, q)
     blocks = []
     for loop in robot.loops:
-        k, other = (_velocity_of(motion, end) for end in loop.ends)
-        blocks.append((k - other)[: 3 if loop.is_spherical else 6])
+        k, opposite = (_velocity_of(motion, end) for end in loop.ends)
+        blocks.append((k - opposite)[: 3 if loop.is_spherical else 6])
     return np.vstack([np.zeros((0, len(robot.joints))), *blocks])
 
 
@@ -59,27 +59,27 @@ def rank_of(matrix):
 
 
 def mobility(robot, q):
-    """How many joints may be moved at will near closed positions q (n,), by the rank of the loops' equations."""
+    """Number of joints that move independently near closed positions q (n,), by the rank of the loop equations."""
     S, _ = coupling(robot)
     return S.shape[1] - rank_of(loop_jacobian(robot, q) @ S)[0]
 
 
 def closed_positions(robot, q, dependents):
-    """The closed positions (n,) with all but the joints `dependents` where q (n,) has them; followers follow.
+    """The closed positions (n,) with all but the joints `dependents`, and mimic joints, at q (n,).
 
-    Newton's method with least squares, as equations may be redundant. Raises ValueError where it does not arrive.
+    Newton's method with least squares, as equations may be redundant. Raises ValueError where it does not converge.
     """
     S, offset = coupling(robot)
-    free = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
-    places = [free.index(number) for number in dependents]
-    x = np.asarray(q, dtype=float)[free]
+    non_mimic = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
+    columns = [non_mimic.index(number) for number in dependents]
+    x = np.asarray(q, dtype=float)[non_mimic]
     for _ in range(40):
         q = S @ x + offset
         gaps = loop_gaps(robot, q)
         if np.abs(gaps).max(initial=0) < CLOSED:
             break
-        step = np.linalg.lstsq(loop_jacobian(robot, q) @ S[:, places], -gaps, rcond=RANK)[0]
-        x[places] += step * min(1.0, 0.5 / np.abs(step).max(initial=1e-300))
+        step = np.linalg.lstsq(loop_jacobian(robot, q) @ S[:, columns], -gaps, rcond=RANK)[0]
+        x[columns] += step * min(1.0, 0.5 / np.abs(step).max(initial=1e-300))
     gaps = loop_gaps(robot, q)
     if np.abs(gaps).max(initial=0) > 10 * CLOSED:
         raise ValueError(f"the loops of {robot.name!r} stay open by {np.abs(gaps).max():.3g}")
@@ -87,15 +87,15 @@ def closed_positions(robot, q, dependents):
 
 
 def closed_rates(robot, q, qd, dependents):
-    """The rates (n,) that keep loops closed, those of all but `dependents` and followers as in qd (n,)."""
+    """The rates (n,) that keep loops closed, those of all but `dependents` and mimic joints as in qd (n,)."""
     S, _ = coupling(robot)
-    free = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
-    places = [free.index(number) for number in dependents]
-    x = np.asarray(qd, dtype=float)[free]
-    x[places] = 0
+    non_mimic = [number for number, joint in enumerate(robot.joints) if joint.mimic is None]
+    columns = [non_mimic.index(number) for number in dependents]
+    x = np.asarray(qd, dtype=float)[non_mimic]
+    x[columns] = 0
     J = loop_jacobian(robot, q) @ S
-    x[places] = -np.linalg.lstsq(J[:, places], J @ x, rcond=RANK)[0]
-    assert np.abs(J @ x).max(initial=0) < 1e-10 * max(1, np.abs(x).max(initial=0)), "some other joint depends too"
+    x[columns] = -np.linalg.lstsq(J[:, columns], J @ x, rcond=RANK)[0]
+    assert np.abs(J @ x).max(initial=0) < 1e-10 * max(1, np.abs(x).max(initial=0)), "a further joint is dependent"
     return S @ x
 
 
@@ -112,10 +112,10 @@ def random_closed_state(robot, q, dependents, rng, reach=0.3):
         near = q + rng.uniform(-reach, reach, len(q))
         near[list(dependents)] = q[list(dependents)]
         try:
-            found = closed_positions(robot, near, dependents)
+            closed = closed_positions(robot, near, dependents)
         except ValueError:
             reach /= 2
             continue
-        if condition_of(robot, found, dependents) < 1e4 and np.abs(found - q)[list(dependents)].max(initial=0) < 2:
-            return found, closed_rates(robot, found, rng.uniform(-2, 2, len(q)), dependents)
+        if condition_of(robot, closed, dependents) < 1e4 and np.abs(closed - q)[list(dependents)].max(initial=0) < 2:
+            return closed, closed_rates(robot, closed, rng.uniform(-2, 2, len(q)), dependents)
         reach *= 0.8

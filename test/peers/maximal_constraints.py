@@ -1,4 +1,4 @@
-"""What joints and closed loops demand of bodies that each have six coordinates of their own.
+"""Constraints of joints and closed loops on bodies with six coordinates each.
 
 Everything is in the world. A body's coordinates are the position of its frame's origin and its orientation; its
 velocity is [v; ω] and its acceleration the time derivative [v̇; ω̇].
@@ -70,7 +70,7 @@ class Handle(NamedTuple):
         return self._rows(np.hstack([np.zeros((3, 3)), np.eye(3)]), np.zeros(3))
 
     def seen(self, axes, vector, rate):
-        """Rows (m) of what turning axes (m, 3), fixed to this body, add to the second derivative of axes · vector.
+        """Rows (m) that rotating axes (m, 3), fixed to this body, add to the second derivative of axes · vector.
 
         For e fixed to the body, d²/dt² (e·u) = e·ü + 2 (ω × e)·u̇ + (ω̇ × e + ω × (ω × e))·u.
         """
@@ -103,7 +103,7 @@ def projected_spin(a, b, axes):
 
 
 def joint_constraint(prismatic, a, b):
-    """Five rows: Handle b may turn about the z axis of Handle a, or slide along it, and do nothing else."""
+    """Five rows: Handle b may rotate about the z axis of Handle a, or slide along it, only."""
     across = a.rotation[:, :2].T
     if prismatic:
         return stacked([projected_shift(a, b, across), b.turning() - a.turning()])

@@ -1,8 +1,8 @@
 """Dynamics of robots with loops by Lagrange multipliers on bodies with six coordinates each.
 
-No tree is followed and nothing is projected: every link obeys Newton and Euler by itself, in the world, and every joint
-and every loop is a constraint between two of them. A link without inertia at which a loop is cut is no body: its joint
-is then a constraint between its antecedent and the link on which the loop closes. Rotors, friction, springs and motors
+There is no recursion and no projection: Newton and Euler hold for every link by itself, in the world, and every joint
+and every loop is a constraint between two links. A link without inertia at which a loop is cut is no body: its joint is
+then a constraint between its antecedent and the link on which the loop closes. Rotors, friction, springs and motors
 are forces along the axes of the joints.
 
 Source: Newton and Euler for each body with the multipliers of Lagrange, first kind; Featherstone, Rigid Body Dynamics
@@ -21,20 +21,20 @@ from .maximal_constraints import Handle, coincidence, joint_constraint, joint_va
 
 
 class Reaction(NamedTuple):
-    """wrench: (6,) [force; moment]; determinate: (6,) bool, which components the laws of rigid bodies fix. Where more
-    is constrained than need be, the others depend on how stiff the bodies are."""
+    """wrench: (6,) [force; moment]; determinate: (6,) bool, components that rigid-body dynamics determines. With
+    redundant constraints the others depend on the stiffness of the bodies."""
 
     wrench: np.ndarray
     determinate: np.ndarray
 
 
 class Motion(NamedTuple):
-    """What the bodies do, and by what.
+    """Motion of the bodies, and the forces that cause it.
 
     accelerations: (n,) of all joints of the tree, cut ones too [rad/s² or m/s²]. efforts: (n,) of motors [N m or N].
     base_acceleration: (6,) classical, of the base frame's origin, in the base frame; zero where it is fixed.
-    base_wrench: (6,) what holds a base that moves as told, in the base frame at its origin; zero where it is free.
-    reactions: for each joint what its antecedent exerts on the link that it moves, in frame j at its origin.
+    base_wrench: (6,) on a base with prescribed motion, in the base frame at its origin; zero where it is free.
+    reactions: for each joint the wrench of its antecedent on the link that it moves, in frame j at its origin.
     loop_reactions: {loop: what the link of `closed_on` exerts on the link of `moved`, in frame k+B at its origin}.
     residual: the largest acceleration by which constraints are missed, large where positions or velocities given are
     not those of closed loops.
@@ -63,8 +63,8 @@ class MaximalCoordinates:
 
     Arguments: q, qd (n,): positions [rad or m] and velocities of all joints of the tree, such that the loops are
     closed. pose (4, 4), twist (6,): of a moving base in the world and in its own frame; base_acceleration (6,): where
-    the base is told how to move, classical, in its own frame. external_wrenches: {number of a link: (6,), the force and
-    torque that the environment exerts on it, in frame j at its origin}.
+    the motion of the base is prescribed, classical, in its own frame. external_wrenches: {number of a link: (6,)}, the
+    force and torque of the environment on it, in frame j at its origin.
     """
 
     def __init__(self, robot):
@@ -78,9 +78,9 @@ class MaximalCoordinates:
         return bodies.moved(np.asarray(efforts, dtype=float), nothing, base_acceleration)
 
     def inverse(self, q, qd, accelerations, *, pose=None, twist=None, base_acceleration=None, external_wrenches=None):
-        """Motion in which some joints accelerate as told: (n,) [rad/s² or m/s²], nan for those that have no motor.
+        """Motion with prescribed accelerations (n,) of some joints [rad/s² or m/s²], nan for joints without motor.
 
-        The efforts of the motors of the others are multipliers of constraints: what makes them do so.
+        The efforts of their motors are multipliers of constraints.
         """
         nothing = np.zeros(len(self.robot.joints))
         bodies = _Bodies(self, q, qd, pose, twist, external_wrenches or {})
@@ -90,7 +90,7 @@ class MaximalCoordinates:
         return _Bodies(self, q, qd, pose, twist, {}).energy()
 
     def power_of_wrenches(self, q, qd, external_wrenches, *, pose=None, twist=None):
-        """What external wrenches put into the robot [W]."""
+        """Power of external wrenches [W]."""
         bodies = _Bodies(self, q, qd, pose, twist, external_wrenches)
         return float(bodies.external_forces() @ bodies.velocity)
 
@@ -102,8 +102,10 @@ def cut_links(robot):
     for loop in robot.loops:
         ends = [end.link for other in robot.loops for end in other.ends]
         for end in loop.ends:
-            hollow = end.link > 0 and end.link not in carriers and not np.any(robot.links[end.link].inertia.spatial)
-            if hollow and not loop.is_spherical and ends.count(end.link) == 1:
+            is_massless = (
+                end.link > 0 and end.link not in carriers and not np.any(robot.links[end.link].inertia.spatial)
+            )
+            if is_massless and not loop.is_spherical and ends.count(end.link) == 1:
                 found[end.link] = loop
                 break
     return found
@@ -123,7 +125,7 @@ class _Bodies:
         self.poses, velocities, _ = link_motion(self.robot, q, qd, pose, twist)
         self.velocity = velocities.ravel()
         self.count = len(self.robot.links)
-        # what has coordinates: not the ground, and no cut link
+        # bodies with coordinates: not the ground, and no cut link
         self.present = [link for link in range(self.count) if link not in self.cut and (link or self.robot.moving_base)]
         self.columns = np.concatenate([np.arange(6 * link, 6 * link + 6) for link in self.present] or [[]]).astype(int)
         self.sides = [self._sides(number) for number in range(len(self.robot.joints))]
@@ -164,7 +166,7 @@ class _Bodies:
         return M
 
     def gravity_and_inertial_forces(self):
-        """(6 N,): weights, and what Newton and Euler leave on the right: −ω × (ω × MS) and −ω × Jω."""
+        """(6 N,): weights, and the velocity terms −ω × (ω × MS) and −ω × Jω."""
         forces = np.zeros(6 * self.count)
         for link, (body, pose) in enumerate(zip(self.robot.links, self.poses, strict=True)):
             R, omega = pose[:3, :3], self.velocity[6 * link + 3 : 6 * link + 6]
@@ -177,7 +179,7 @@ class _Bodies:
         return forces
 
     def external_forces(self):
-        """(6 N,): external wrenches; one on a cut link is borne by the link that it is welded to."""
+        """(6 N,): external wrenches; one on a cut link acts on the link that it is welded to."""
         forces = np.zeros(6 * self.count)
         for link, wrench in self.wrenches.items():
             R, position = self.poses[link, :3, :3], self.poses[link, :3, 3]
@@ -189,7 +191,7 @@ class _Bodies:
         return forces
 
     def joint_losses(self):
-        """(n,): Fv q̇ + Fs sign q̇ + k (q − q₀) + damping · q̇, what works against the motion at each joint."""
+        """(n,): Fv q̇ + Fs sign q̇ + k (q − q₀) + damping · q̇, the passive efforts of each joint."""
         found = []
         for joint, q, qd in zip(self.robot.joints, self.q, self.qd, strict=True):
             loss = joint.viscous_friction * qd + joint.coulomb_friction * np.sign(qd)
@@ -199,7 +201,7 @@ class _Bodies:
         return np.array(found)
 
     def constraints(self):
-        """(joints, loops): Rows of each joint, and {loop: Rows} of those that are more than the joint they cut."""
+        """(joints, loops): Rows of each joint, and {loop: Rows} of loops without a cut joint."""
         joints = [
             joint_constraint(joint.prismatic, *sides)
             for joint, sides in zip(self.robot.joints, self.sides, strict=True)
@@ -211,68 +213,71 @@ class _Bodies:
                 loops[loop.name] = closing(self.handle(*loop.moved), self.handle(*loop.closed_on))
         return joints, loops
 
-    def _demands(self, told, base_acceleration):
-        """{(kind, which): (Rows, what their second derivatives are to be)}, all that multipliers see to."""
+    def _constraint_rows(self, prescribed, base_acceleration):
+        """{(kind, number or name): (Rows, required second derivatives)} of all constraints with multipliers."""
         joints, loops = self.constraints()
-        demands = {("joint", number): (rows, 0.0) for number, rows in enumerate(joints)}
-        demands |= {("loop", name): (rows, 0.0) for name, rows in loops.items()}
+        constraint_rows = {("joint", number): (rows, 0.0) for number, rows in enumerate(joints)}
+        constraint_rows |= {("loop", name): (rows, 0.0) for name, rows in loops.items()}
         for number, joint in enumerate(self.robot.joints):
             if joint.mimic is not None:
-                following = self.variables[self.leader(joint)].times([[joint.mimic.multiplier]])
-                demands["follower", number] = self.variables[number] - following, 0.0
-            if not np.isnan(told[number]):
-                demands["motor", number] = self.variables[number], told[number]
+                leader_variable = self.variables[self.leader(joint)].times([[joint.mimic.multiplier]])
+                constraint_rows["follower", number] = self.variables[number] - leader_variable, 0.0
+            if not np.isnan(prescribed[number]):
+                constraint_rows["motor", number] = self.variables[number], prescribed[number]
         if base_acceleration is not None:
             frame = self.handle(0, np.eye(4))
-            demands["base", 0] = stacked([frame.point(), frame.turning()]), turned(frame.rotation, base_acceleration)
-        return demands
+            constraint_rows["base", 0] = (
+                stacked([frame.point(), frame.turning()]),
+                turned(frame.rotation, base_acceleration),
+            )
+        return constraint_rows
 
     def leader(self, joint):
         return next(number for number, other in enumerate(self.robot.joints) if other.name == joint.mimic.joint)
 
-    def moved(self, efforts, told, base_acceleration):
-        """Motion under efforts (n,) where some joints accelerate as told (n,), nan for the others."""
-        demands = self._demands(told, base_acceleration)
-        rows = stacked([rows for rows, _ in demands.values()])
-        wanted = np.concatenate([np.broadcast_to(value, rows.bias.shape) for rows, value in demands.values()])
+    def moved(self, efforts, prescribed, base_acceleration):
+        """Motion under efforts (n,) with prescribed accelerations (n,) of some joints, nan for the others."""
+        constraint_rows = self._constraint_rows(prescribed, base_acceleration)
+        rows = stacked([rows for rows, _ in constraint_rows.values()])
+        required = np.concatenate([np.broadcast_to(value, rows.bias.shape) for rows, value in constraint_rows.values()])
         axes = np.vstack([variable.coefficients for variable in self.variables])
         forces = self.gravity_and_inertial_forces() + self.external_forces() + axes.T @ (efforts - self.joint_losses())
-        solved = constrained_motion(
+        solution = constrained_motion(
             self.inertia()[np.ix_(self.columns, self.columns)],
             forces[self.columns],
             rows.coefficients[:, self.columns],
-            wanted - rows.bias,
+            required - rows.bias,
         )
-        ends = np.cumsum([len(rows.bias) for rows, _ in demands.values()])[:-1]
-        shares = zip(np.split(solved.multipliers, ends), np.split(solved.free_multipliers, ends), strict=True)
-        shares = dict(zip(demands, shares, strict=True))
+        ends = np.cumsum([len(rows.bias) for rows, _ in constraint_rows.values()])[:-1]
+        parts = zip(np.split(solution.multipliers, ends), np.split(solution.free_multipliers, ends), strict=True)
+        parts = dict(zip(constraint_rows, parts, strict=True))
 
         acceleration = np.zeros(6 * self.count)
-        acceleration[self.columns] = solved.x
+        acceleration[self.columns] = solution.x
         accelerations = axes @ acceleration + np.concatenate([variable.bias for variable in self.variables])
         efforts = efforts.copy()
-        for number in np.flatnonzero(~np.isnan(told)):
-            efforts[number] = shares["motor", number][0][0]
-        along, free_along = self._along_axes(shares, efforts, accelerations)
-        reactions = self._reactions(demands, shares, along, free_along)
+        for number in np.flatnonzero(~np.isnan(prescribed)):
+            efforts[number] = parts["motor", number][0][0]
+        along, free_along = self._along_axes(parts, efforts, accelerations)
+        reactions = self._reactions(constraint_rows, parts, along, free_along)
         R = self.poses[0, :3, :3]
         return Motion(
             accelerations,
             efforts,
             turned(R.T, acceleration[:6]),
-            turned(R.T, shares["base", 0][0]) if base_acceleration is not None else np.zeros(6),
+            turned(R.T, parts["base", 0][0]) if base_acceleration is not None else np.zeros(6),
             reactions,
-            self._loop_reactions(demands, shares, reactions),
-            solved.residual,
+            self._loop_reactions(constraint_rows, parts, reactions),
+            solution.residual,
         )
 
-    def _along_axes(self, shares, efforts, accelerations):
-        """(n,) what acts along each axis on the link that its joint moves, [N m or N], and (n, free) how that changes
-        with free multipliers: motors, losses, rotors, and what makes joints follow others."""
+    def _along_axes(self, parts, efforts, accelerations):
+        """(n,) force along each joint axis on the link that it moves [N m or N], and (n, free) its derivative by free
+        multipliers: of motors, passive efforts, rotors and mimic constraints."""
         along = efforts - self.joint_losses()
         along = along - [joint.rotor_inertia for joint in self.robot.joints] * accelerations
-        free = np.zeros((len(along), next(iter(shares.values()))[1].shape[1]))
-        for (kind, number), (multipliers, loose) in shares.items():
+        free = np.zeros((len(along), next(iter(parts.values()))[1].shape[1]))
+        for (kind, number), (multipliers, loose) in parts.items():
             if kind in ("motor", "follower"):
                 free[number] += loose[0]
             if kind == "follower":
@@ -282,30 +287,30 @@ class _Bodies:
                 free[self.leader(joint)] -= joint.mimic.multiplier * loose[0]
         return along, free
 
-    def _reactions(self, demands, shares, along, free_along):
-        """Reaction of each joint: its constraint's multipliers, and what acts along its axis."""
+    def _reactions(self, constraint_rows, parts, along, free_along):
+        """Reaction of each joint: the multipliers of its constraint, and the force along its axis."""
         found = []
         for number in range(len(self.robot.joints)):
-            multipliers, free = shares["joint", number]
-            both = np.vstack([demands["joint", number][0].coefficients, self.variables[number].coefficients])
+            multipliers, free = parts["joint", number]
+            both = np.vstack([constraint_rows["joint", number][0].coefficients, self.variables[number].coefficients])
             onto = self._wrench_of(both, self.sides[number][1], self.poses[number + 1])
             wrench = onto @ np.append(multipliers, along[number])
             found.append(Reaction(wrench, self._determinate(onto, np.vstack([free, free_along[number]]))))
         return tuple(found)
 
-    def _loop_reactions(self, demands, shares, reactions):
+    def _loop_reactions(self, constraint_rows, parts, reactions):
         found = {}
         for loop in self.robot.loops:
-            if ("loop", loop.name) not in demands:
+            if ("loop", loop.name) not in constraint_rows:
                 continue
-            rows, _ = demands["loop", loop.name]
-            multipliers, free = shares["loop", loop.name]
+            rows, _ = constraint_rows["loop", loop.name]
+            multipliers, free = parts["loop", loop.name]
             pose = self.poses[loop.closed_on.link] @ loop.closed_on.placement
             onto = -self._wrench_of(rows.coefficients, self.handle(*loop.closed_on), pose)
             found[loop.name] = Reaction(onto @ multipliers, self._determinate(onto, free))
         for link, loop in self.cut.items():
             here, _ = self._own_end_first(loop, link)
-            wrench, determinate = reactions[link - 1]  # what the joint exerts on the link without inertia
+            wrench, determinate = reactions[link - 1]  # of the joint on the link without inertia
             external = np.asarray(self.wrenches.get(link, np.zeros(6)))
             R, p = here.placement[:3, :3], here.placement[:3, 3]
             balance = -(wrench + external)
@@ -316,15 +321,15 @@ class _Bodies:
         return found
 
     def _wrench_of(self, coefficients, handle, pose):
-        """(6, m): what unit multipliers of rows (m, 6 N) do to the body of a Handle, as wrenches in the frame of a
-        pose at its origin."""
+        """(6, m): wrenches of unit multipliers of rows (m, 6 N) on the body of a Handle, in the frame of a pose at its
+        origin."""
         own = coefficients[:, 6 * handle.body : 6 * handle.body + 6].T
         R, arm = pose[:3, :3], handle.origin - pose[:3, 3]
         return np.vstack([R.T @ own[:3], R.T @ (own[3:] + skew(arm) @ own[:3])])
 
     @staticmethod
     def _determinate(onto, free):
-        """(6,) bool: which components of a wrench no change of the multipliers that nothing notices can change."""
+        """(6,) bool: components of a wrench that free multipliers do not change."""
         return np.abs(onto @ free).max(axis=1, initial=0) < 1e-7
 
     def energy(self):

@@ -1,4 +1,4 @@
-"""Pinocchio answering the questions of `Dynamics` in the conventions of this project. Joints are matched by name."""
+"""Dynamics by Pinocchio, in the conventions of `Dynamics`. Joints are matched by name."""
 
 import numpy as np
 import pinocchio as pin
@@ -19,7 +19,7 @@ class PinocchioModel:
         self.joints = [self.model.joints[self.model.getJointId(name)] for name in joints]
         # rows of this project (base first, then `joints`) in Pinocchio's velocity vector
         self.rows = np.array([*range(self.base_size), *(joint.idx_v for joint in self.joints)], dtype=int)
-        assert sorted(self.rows) == list(range(self.model.nv)), "Pinocchio sees other joints than were named"
+        assert sorted(self.rows) == list(range(self.model.nv)), "the joints of Pinocchio's model are not those named"
         for joint, inertia in zip(self.joints, rotor_inertias if rotor_inertias is not None else (), strict=False):
             self.model.armature[joint.idx_v] = inertia
 
@@ -62,7 +62,7 @@ class PinocchioModel:
 
     def coriolis(self, q, qd, twist=()):
         gravity = self.model.gravity.copy()
-        self.model.gravity.setZero()  # taken off afterwards it would leave its rounding behind
+        self.model.gravity.setZero()  # subtracting it afterwards would leave rounding
         found = self.bias(q, qd, np.eye(4), twist)
         self.model.gravity = gravity
         return found
@@ -74,7 +74,7 @@ class PinocchioModel:
         return pin.updateFramePlacement(self.model, self.data, frame).homogeneous
 
     def reactions(self, q, qd, qdd, links, pose=None, twist=(), base_acceleration=(), external_wrenches=None):
-        """What each joint exerts on the link that it moves, (joints, 6), in the frames of `links` at their origins."""
+        """Wrench of each joint on the link that it moves, (joints, 6), in the frames of `links` at their origins."""
         velocity = self.vector(qd, twist)
         acceleration = self.vector(qdd, self.spatial(np.array(base_acceleration), twist))
         forces = self.wrenches(q, external_wrenches or {})

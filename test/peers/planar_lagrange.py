@@ -43,13 +43,13 @@ def intersection(a, radius_a, b, radius_b, mode):
 
     The law of cosines: x = (r_a² − r_b² + D²) / 2D along the way, and √(r_a² − x²) beside it.
     """
-    way = b - a
-    distance = np.sqrt(way @ way)
+    direction = b - a
+    distance = np.sqrt(direction @ direction)
     along = (radius_a**2 - radius_b**2 + distance**2) / (2 * distance)
     square = radius_a**2 - along**2
     if np.real(square) <= 0:
         raise ValueError(f"the linkage cannot close: circles of {radius_a} and {radius_b} are {distance} apart")
-    ahead = way / distance
+    ahead = direction / distance
     return a + along * ahead + mode * np.sqrt(square) * np.array([-ahead[1], ahead[0]])
 
 
@@ -85,12 +85,12 @@ def random_body(rng, length):
 
 def random_joint(rng, friction=True, spring=False):
     losses = rng.uniform(0.1, 2, 2) if friction else (0.0, 0.0)
-    held = Spring(rng.uniform(1, 50), rng.uniform(-1, 1), rng.uniform(0, 1)) if spring else None
-    return JointProperties(rng.uniform(0.01, 0.5), *losses, held)
+    joint_spring = Spring(rng.uniform(1, 50), rng.uniform(-1, 1), rng.uniform(0, 1)) if spring else None
+    return JointProperties(rng.uniform(0.01, 0.5), *losses, joint_spring)
 
 
 def random_plane(rng):
-    """(4, 4): where a linkage stands in the frame of the base, its x-y plane turned anywhere."""
+    """(4, 4): random pose of a linkage in the frame of the base."""
     axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     plane = np.eye(4)
     plane[:3, :3], plane[:3, 3] = axes * np.linalg.det(axes), rng.uniform(-1, 1, 3)
@@ -98,9 +98,9 @@ def random_plane(rng):
 
 
 def translation(x, y=0.0, z=0.0):
-    placed = np.eye(4)
-    placed[:3, 3] = x, y, z
-    return placed
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
 
 
 def made_joint(name, antecedent, placement, properties, actuated, position):
@@ -119,7 +119,7 @@ def made_joint(name, antecedent, placement, properties, actuated, position):
 
 
 class PlanarLagrange:
-    """Equations of motion of a planar linkage of which a subclass tells the geometry.
+    """Equations of motion of a planar linkage; a subclass has the geometry.
 
     joint_angles(q): (n,) of all joints, the cut one last. joint_rates(q): (n, independent) ∂(joint angles)/∂q.
     bodies_at(q): a list of (PlanarBody, joint position (2,), link angle, (2, independent) ∂(position)/∂q,
@@ -150,15 +150,15 @@ class PlanarLagrange:
         total = 0.0
         for body, origin, angle, _, _ in self.bodies_at(q):
             x, y, z = body.centre
-            flat = origin + x * unit(angle) + y * normal(angle)
-            total -= body.mass * self.gravity @ (self.plane[:3, :3] @ np.array([*flat, z]) + self.plane[:3, 3])
+            planar = origin + x * unit(angle) + y * normal(angle)
+            total -= body.mass * self.gravity @ (self.plane[:3, :3] @ np.array([*planar, z]) + self.plane[:3, 3])
         return total
 
     def spring_energy(self, q):
         """½ Σ k (θ − θ₀)² [J]."""
         angles = self.joint_angles(q)
-        held = [(joint.spring, angle) for joint, angle in zip(self.joints, angles, strict=True) if joint.spring]
-        return sum((spring.stiffness * (angle - spring.rest) ** 2 / 2 for spring, angle in held), 0.0)
+        joint_spring = [(joint.spring, angle) for joint, angle in zip(self.joints, angles, strict=True) if joint.spring]
+        return sum((spring.stiffness * (angle - spring.rest) ** 2 / 2 for spring, angle in joint_spring), 0.0)
 
     def derivatives(self, function, q):
         """∂f/∂q with a last axis for the entries of q (independent,), by complex steps."""

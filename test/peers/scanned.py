@@ -1,4 +1,4 @@
-"""States of robots all over the range of their motors, one straight line after the other, and the rank of efforts."""
+"""States of robots over the whole range of their motors, on straight lines, and the rank of their efforts."""
 
 import numpy as np
 
@@ -13,15 +13,15 @@ MOST = 60  # positions on the line of a single motor
 
 
 def positions_of_platforms(dynamics, samples, rng):
-    """Positions (N, all joints) at random poses of the platforms, joints that are in no loop anywhere within ±1."""
+    """Positions (N, all joints) at random poses of the platforms, joints outside of loops within ±1."""
     numbers, (lower, upper) = free_coordinates(dynamics.robot)
     home = dynamics.initial_joint_positions[numbers]
     size = np.where([dynamics.robot.joints[number].prismatic for number in numbers],
                     0.15 * dynamics.robot.characteristic_length, 0.4)  # fmt: skip
     poses = rng.uniform(np.maximum(lower, home - size), np.minimum(upper, home + size), (2 * samples, len(numbers)))
     q = closed_at_poses(dynamics, poses)
-    beside = [number for number in range(q.shape[1]) if number not in dynamics.robot.joints_in_loops]
-    q[:, beside] += rng.uniform(-1, 1, (len(q), len(beside)))
+    outside_loops = [number for number in range(q.shape[1]) if number not in dynamics.robot.joints_in_loops]
+    q[:, outside_loops] += rng.uniform(-1, 1, (len(q), len(outside_loops)))
     closed = [k for k in range(len(q)) if np.abs(loop_gaps(dynamics.robot, q[k])).max() < 1e-11]
     return q[closed[:samples]]
 
@@ -35,15 +35,15 @@ def scanned_positions(dynamics, samples, rng):
     lower, upper = (np.array([getattr(joint.limits, side) for joint in joints]) for side in ("lower", "upper"))
     lower = np.where(np.isfinite(lower), lower, start - REACH)
     upper = np.where(np.isfinite(upper), upper, start + REACH)
-    found = []
-    while sum(map(len, found)) < samples:
-        alone = len(joints) == 1
-        end = (lower, upper)[len(found) % 2] if alone else rng.uniform(lower, upper)
-        count = min(samples, MOST) if alone else 12
-        found.append(_followed(dynamics, start + np.linspace(0, 1, count)[:, None] * (end - start)))
-        if alone and len(found) > 1:
+    lines = []
+    while sum(map(len, lines)) < samples:
+        is_single = len(joints) == 1
+        end = (lower, upper)[len(lines) % 2] if is_single else rng.uniform(lower, upper)
+        count = min(samples, MOST) if is_single else 12
+        lines.append(_followed(dynamics, start + np.linspace(0, 1, count)[:, None] * (end - start)))
+        if is_single and len(lines) > 1:
             break
-    return np.concatenate(found)
+    return np.concatenate(lines)
 
 
 def _followed(dynamics, line):
@@ -51,15 +51,15 @@ def _followed(dynamics, line):
     if not dynamics.robot.loops:
         return dynamics.expand_positions(line)
     numbers = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
-    found = [dynamics.initial_joint_positions]
+    lines = [dynamics.initial_joint_positions]
     for motors in line:
-        ahead = np.full(len(found[-1]), np.nan)
-        ahead[numbers] = motors
+        next_positions = np.full(len(lines[-1]), np.nan)
+        next_positions[numbers] = motors
         try:
-            found.append(dynamics.expand_trajectory(np.stack([found[-1], ahead]))[1])
+            lines.append(dynamics.expand_trajectory(np.stack([lines[-1], next_positions]))[1])
         except SingularModelError:
             break
-    return np.array(found)
+    return np.array(lines)
 
 
 def rank_of_efforts(dynamics, samples, seed):
@@ -71,9 +71,9 @@ def rank_of_efforts(dynamics, samples, seed):
     qd, qdd = rng.uniform(-2, 2, (2, len(q), len(dynamics.joint_names)))
     base = None
     if dynamics.robot.moving_base:
-        turned = np.linalg.qr(rng.normal(size=(len(q), 3, 3)))[0]
+        orthogonal = np.linalg.qr(rng.normal(size=(len(q), 3, 3)))[0]
         poses = np.tile(np.eye(4), (len(q), 1, 1))
-        poses[:, :3, :3] = turned * np.sign(np.linalg.det(turned))[:, None, None]
+        poses[:, :3, :3] = orthogonal * np.sign(np.linalg.det(orthogonal))[:, None, None]
         base = Base(poses, *rng.uniform(-2, 2, (2, len(q), 6)))
     if not dynamics.robot.loops:
         q = q[:, [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]]
@@ -85,6 +85,6 @@ def rank_of_efforts(dynamics, samples, seed):
     Y = Y[:, lengths > 1e-11 * lengths.max()]
     s = np.linalg.svd(Y / np.linalg.norm(Y, axis=0), compute_uv=False)
     s = np.maximum(np.append(s, 0.0), 1e-14 * s[0])
-    falls = np.where(s[1:] < 1e-9 * s[0], s[:-1] / s[1:], 0)
-    rank = int(np.argmax(falls)) + 1
-    return rank, falls[rank - 1]
+    gaps = np.where(s[1:] < 1e-9 * s[0], s[:-1] / s[1:], 0)
+    rank = int(np.argmax(gaps)) + 1
+    return rank, gaps[rank - 1]
