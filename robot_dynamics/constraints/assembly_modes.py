@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.array_types import Array
-from robot_dynamics.constraints.branch_tracker import MAX_STRIDE, BranchTracker, ClosureResult
 from robot_dynamics.constraints.mobility import close_by_moving
-from robot_dynamics.constraints.newton_iteration import MAX_STEP
+from robot_dynamics.constraints.newton_iteration import MAX_STEP, MAX_STRIDE
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.constraints.branch_tracker import BranchTracker, ClosureResult
     from robot_dynamics.constraints.topology import ConstraintTopology
+
+    Path: TypeAlias = Callable[[BranchTracker, Array, Array], ClosureResult]
+    """Leads from closed positions (N, m) to positions (N, n) of the independent joints."""
 
 SHORT_STRIDE = MAX_STRIDE / 5
 """Longest stride [rad or characteristic lengths] where MAX_STRIDE leads to a wrong branch."""
 MAX_HALVINGS = 30
 """Halvings of the distance to a dead centre."""
-
-Path: TypeAlias = Callable[[BranchTracker, Array, Array], ClosureResult]
-"""Leads from closed positions (N, m) to positions (N, n) of the independent joints."""
 
 
 def solve_closure(tracker: BranchTracker, q: Array, seed: Array | None) -> ClosureResult:

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from robot_dynamics.constraints.attitude_charts import chart_rates, displace, displacement
-from robot_dynamics.constraints.mobility import CLOSURE_TOLERANCE
 from robot_dynamics.constraints.newton_iteration import (
+    CLOSURE_TOLERANCE,
     MAX_STEP,
+    MAX_STRIDE,
     NEWTON_TOLERANCE,
     iterate_newton,
 )
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     )
     from robot_dynamics.constraints.topology import ConstraintTopology
 
-MAX_STRIDE = 0.15
-"""Longest stride [rad or characteristic lengths]."""
 MAX_STRIDES = 300
 MAX_STRIDE_ITERATIONS = 3
 STRIDE_TOLERANCE = 1e-4

@@ -16,7 +16,7 @@ from scipy.linalg import qr
 
 from robot_dynamics.constraints.attitude_charts import attach_charts, displace, find_attitude_joints
 from robot_dynamics.constraints.loop_equations import equations_per_loop, loop_equations
-from robot_dynamics.constraints.newton_iteration import MAX_STEP, iterate_newton
+from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE, MAX_STEP, iterate_newton
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.newton_euler.screw import apply
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
 RANK_TOLERANCE = 1e-6
 """Singular value, as a part of the largest one, below which it counts as zero."""
-CLOSURE_TOLERANCE = 1e-11
-"""Residual [characteristic lengths, rad] at which a loop is closed."""
 NEARLY_CLOSED_RESIDUAL = 1e-3
 """Residual below which inexact dimensions may keep a loop open."""
 MAX_GOOD_CONDITION = 1e3

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import IntArray, ScalarArray
     from robot_dynamics.constraints.topology import ConstraintTopology
 
+CLOSURE_TOLERANCE = 1e-11
+"""Residual [characteristic lengths, rad] at which a loop is closed."""
+MAX_STRIDE = 0.15
+"""Longest stride of a path along closed positions [rad or characteristic lengths]."""
 NEWTON_TOLERANCE = 1e-13
 """Residual [characteristic lengths, rad] below which rounding prevents a further decrease."""
 MAX_ITERATIONS = 40

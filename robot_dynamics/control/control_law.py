@@ -34,34 +34,23 @@ without a reference. A base and unactuated joints, whose future motion is unknow
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.control.law_models import LawModels
 from robot_dynamics.control.link_side import LinkSide
+from robot_dynamics.control.modes import MEASURED, REFERENCE
 from robot_dynamics.control.program_positions import ProgramPositions
 from robot_dynamics.control.series_elastic_actuators import find_series_elastic_actuators
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
+    from robot_dynamics.control.modes import FrictionVelocity
     from robot_dynamics.control.reference import Reference
     from robot_dynamics.dynamics import Dynamics
 
-ControlMode: TypeAlias = Literal["gravity_compensation", "feedforward", "computed_torque", "pd_gravity"]
-NoReferenceAction: TypeAlias = Literal["gravity", "damp", "zero"]
-FrictionVelocity: TypeAlias = Literal["reference", "measured"]
-
-GRAVITY: Literal["gravity_compensation"] = "gravity_compensation"
-FEEDFORWARD: Literal["feedforward"] = "feedforward"
-COMPUTED_TORQUE: Literal["computed_torque"] = "computed_torque"
-PD_GRAVITY: Literal["pd_gravity"] = "pd_gravity"
-MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
-NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
-REFERENCE: Literal["reference"] = "reference"
-MEASURED: Literal["measured"] = "measured"
-FRICTION_VELOCITIES: tuple[FrictionVelocity, ...] = (REFERENCE, MEASURED)
 
 TURN = 2 * np.pi
 LIMIT_TOLERANCE = 1e-6

@@ -9,25 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
-from robot_dynamics.control.control_law import (
-    COMPUTED_TORQUE,
-    FEEDFORWARD,
-    GRAVITY,
-    PD_GRAVITY,
-    REFERENCE,
-)
+from robot_dynamics.control.modes import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
 from robot_dynamics.control.reference import ReferencePoint, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
-    from robot_dynamics.control.control_law import (
-        ControlLaw,
-        ControlMode,
-        FrictionVelocity,
-        NoReferenceAction,
-    )
+    from robot_dynamics.control.control_law import ControlLaw
+    from robot_dynamics.control.modes import ControlMode, FrictionVelocity, NoReferenceAction
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from robot_dynamics.codegen.jit.compiled_program import compile_program
-from robot_dynamics.codegen.jit.python_program import PythonProgram
-from robot_dynamics.codegen.trace.models import frames_model
 from robot_dynamics.errors import CompilationError
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.codegen.jit.python_program import PythonProgram
     from robot_dynamics.dynamics import Dynamics
 
 
@@ -29,6 +27,11 @@ class FrameKinematics:
     """
 
     def __init__(self, dynamics: Dynamics, names: Sequence[str], independent: tuple[int, ...] | None = None) -> None:
+        # few simulations have wheels or ground contact: the others need no tracing
+        from robot_dynamics.codegen.jit.compiled_program import compile_program
+        from robot_dynamics.codegen.jit.python_program import PythonProgram
+        from robot_dynamics.codegen.trace.models import frames_model
+
         self._has_moving_base = dynamics.robot.moving_base
         program = frames_model(dynamics.robot, names, independent=independent)
         self._program: CompiledProgram | PythonProgram

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import Base
 from robot_dynamics.simulation.branch import evaluate_on_branch
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
     from robot_dynamics.codegen.jit.python_program import PythonProgram
-    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.simulation.constrained_motion import LoopCoordinates
 
     Program = CompiledProgram | PythonProgram
@@ -35,14 +34,13 @@ class Plant:
 
     Parameters
     ----------
-    robot : Robot
-        Without the friction that acts as impulses.
+    dynamics : Dynamics
+        Of the robot without the friction that acts as impulses.
     wrench_links : iterable of str
         Names of the links that external wrenches act on.
 
     Attributes
     ----------
-    dynamics : Dynamics
     size : int
         Number n of the independent joints.
     loops : ConstrainedMotion or None
@@ -51,8 +49,9 @@ class Plant:
         Numbers of the joints whose velocities are rates.
     """
 
-    def __init__(self, robot: Robot, wrench_links: Iterable[str]) -> None:
-        self.dynamics = Dynamics(robot)
+    def __init__(self, dynamics: Dynamics, wrench_links: Iterable[str]) -> None:
+        robot = dynamics.robot
+        self.dynamics = dynamics
         self.size = len(self.dynamics.joint_names)
         self.loops = ConstrainedMotion(self.dynamics) if robot.loops else None
         self.rate_joints = [robot.joint_numbers[name] for name in self.dynamics.joint_names]

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.inputs import require_finite, require_pose
 from robot_dynamics.model.robot import Robot
@@ -106,8 +107,8 @@ class Simulation:
         self.ground = ground
         self.base = _require_base_type(robot, base, wheels)
         frictionless, friction = separate_friction(replace(robot, moving_base=self.base != "fixed"), self.step)
-        self._plant = Plant(frictionless, contact_links)
-        self.dynamics = self._plant.dynamics
+        self.dynamics = Dynamics(frictionless)
+        self._plant = Plant(self.dynamics, contact_links)
         self.joint_names: tuple[str, ...] = self.dynamics.joint_names
         constraints = RateConstraints(self._plant, self.base, wheels)
         contact = None if ground is None else GroundContact(self._plant, ground)

@@ -10,7 +10,8 @@ from peers.planar_stack import planar_stack
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, InvalidInputError, load_robot, shipped_robots
-from robot_dynamics.control.control_law import FRICTION_VELOCITIES, ControlLaw, actuated_joint_names
+from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
+from robot_dynamics.control.modes import FRICTION_VELOCITIES
 from robot_dynamics.control.reference import Trajectory
 from robot_dynamics.model.formats.urdf.writer import write_urdf
 

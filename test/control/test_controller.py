@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robot_dynamics import Dynamics, Inertia, InvalidInputError, load_robot
-from robot_dynamics.control.control_law import MODES, ControlLaw, actuated_joint_names
+from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.modes import MODES
 
 ARM = """
 robot: two_links

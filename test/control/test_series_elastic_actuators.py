@@ -12,7 +12,8 @@ from peers.maximal_coordinates import MaximalCoordinates
 from peers.planar_stack import planar_stack
 
 from robot_dynamics import Base, Dynamics, InvalidInputError, RobotDynamicsError, load_robot
-from robot_dynamics.control.control_law import FRICTION_VELOCITIES, ControlLaw, actuated_joint_names
+from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
+from robot_dynamics.control.modes import FRICTION_VELOCITIES
 from robot_dynamics.control.reference import ReferencePoint, Trajectory
 
 # One elastic joint: link [kg m²] and [N m] of weight, rotor and gear [kg m²]

@@ -8,12 +8,9 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
-from robot_dynamics.codegen.jit.batch_loop import batch_function
 from robot_dynamics.codegen.jit.cache import load, store
 from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
-from robot_dynamics.codegen.jit.kernel import block_function, sample_function
 from robot_dynamics.codegen.jit.runtime import runtime_table
-from robot_dynamics.codegen.jit.sincos import sincos_functions
 from robot_dynamics.codegen.trace.program import Interface, OperationCount, Program
 
 if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
@@ -92,6 +89,8 @@ class MachineCode:
 
     def _sample_text(self) -> str:
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add
+        from robot_dynamics.codegen.jit.kernel import sample_function
+        from robot_dynamics.codegen.jit.sincos import sincos_functions
 
         sample, widths = sample_function(*self._traced)
         interface = self.interface
@@ -100,7 +99,10 @@ class MachineCode:
         return "\n".join([*texts, sample])
 
     def _batch_text(self) -> str:
+        from robot_dynamics.codegen.jit.batch_loop import batch_function
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
+        from robot_dynamics.codegen.jit.kernel import block_function
+        from robot_dynamics.codegen.jit.sincos import sincos_functions
 
         lanes = vector_lanes()
         block = block_function(*self._traced, lanes)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
-from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.inputs import Base
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import read_poses, read_twists, write_twist
 from robot_dynamics.nodes.codecs.joint_order import resolve_name

@@ -14,8 +14,8 @@ from rclpy.impl.rcutils_logger import RcutilsLogger
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
-from robot_dynamics.control.control_law import FEEDFORWARD, GRAVITY
 from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.modes import FEEDFORWARD, GRAVITY
 from robot_dynamics.control.sending import send_in_time
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.base_odometry import BaseOdometryReader

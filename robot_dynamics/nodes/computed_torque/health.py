@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.control.control_law import GRAVITY
+from robot_dynamics.control.modes import GRAVITY
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 
 if TYPE_CHECKING:

@@ -7,14 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.control.control_law import (
-    COMPUTED_TORQUE,
-    FRICTION_VELOCITIES,
-    MODES,
-    NO_REFERENCE_ACTIONS,
-    REFERENCE,
-)
 from robot_dynamics.control.controller import Settings
+from robot_dynamics.control.modes import COMPUTED_TORQUE, FRICTION_VELOCITIES, MODES, NO_REFERENCE_ACTIONS, REFERENCE
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.joint import UNLIMITED
 from robot_dynamics.model.robot import MASSLESS_WARNING

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 from trajectory_msgs.msg import JointTrajectoryPoint
 
-from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
+from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.nodes.codecs.base import read_base, read_base_point, write_base
 from robot_dynamics.nodes.codecs.fields import require_empty, to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import read_pose

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics.dynamics import Base
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.inputs import Base
 from robot_dynamics.nodes.codecs.geometry import QUATERNION_NORM_TOLERANCE
-from robot_dynamics.simulation import Ground, Simulation, Wheel
+from robot_dynamics.simulation.ground import Ground
+from robot_dynamics.simulation.simulation import Simulation
+from robot_dynamics.simulation.wheels import Wheel
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray

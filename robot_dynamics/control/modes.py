@@ -1,0 +1,17 @@
+"""Modes of control: what the efforts are made of, and what happens without a reference."""
+
+from typing import Literal, TypeAlias
+
+ControlMode: TypeAlias = Literal["gravity_compensation", "feedforward", "computed_torque", "pd_gravity"]
+NoReferenceAction: TypeAlias = Literal["gravity", "damp", "zero"]
+FrictionVelocity: TypeAlias = Literal["reference", "measured"]
+
+GRAVITY: Literal["gravity_compensation"] = "gravity_compensation"
+FEEDFORWARD: Literal["feedforward"] = "feedforward"
+COMPUTED_TORQUE: Literal["computed_torque"] = "computed_torque"
+PD_GRAVITY: Literal["pd_gravity"] = "pd_gravity"
+MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
+NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
+REFERENCE: Literal["reference"] = "reference"
+MEASURED: Literal["measured"] = "measured"
+FRICTION_VELOCITIES: tuple[FrictionVelocity, ...] = (REFERENCE, MEASURED)
