@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_checks import broadcast_result
+from robot_dynamics.array_checks import broadcast_result, require_finite
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.inputs import UNACTUATED_REASON, require_finite
+from robot_dynamics.inputs import UNACTUATED_REASON
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike

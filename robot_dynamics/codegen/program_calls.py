@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.codegen.jit.program_key import ProgramKey
 from robot_dynamics.codegen.trace.model_arguments import BASE_ARGUMENTS
-from robot_dynamics.inputs import base_state, common_batch_shape, require_finite
+from robot_dynamics.inputs import base_state, common_batch_shape
 from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
 
 if TYPE_CHECKING:

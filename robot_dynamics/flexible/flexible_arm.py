@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.array_checks import broadcast_result
+from robot_dynamics.array_checks import broadcast_result, require_finite
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.block_recursion import solve, sweep_forward
 from robot_dynamics.flexible.structure import nearest_node
 from robot_dynamics.flexible.structure_builder import build_structure
-from robot_dynamics.inputs import UNACTUATED_REASON, base_state, common_batch_shape, require_finite
+from robot_dynamics.inputs import UNACTUATED_REASON, base_state, common_batch_shape
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent

@@ -169,6 +169,8 @@ class RobotSource:
 
     def _load(self, settings: ParameterValues) -> Dynamics | None:
         """Return the Dynamics of the robot in the parameters, else of that on the topic, else None."""
+        text: str | bytes
+        source: str | Path
         if settings["robot_description"]:
             text, source = settings["robot_description"], "parameter robot_description"
         elif settings["robot_file"]:

@@ -8,9 +8,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.array_types import Array, ArrayLike
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
-from robot_dynamics.inputs import require_finite, require_pose
+from robot_dynamics.inputs import require_pose
 
 PlatformInput: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
 """Values of one platform, or of several by link name."""

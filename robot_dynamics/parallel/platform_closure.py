@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.errors import DescriptionError, InvalidInputError
-from robot_dynamics.inputs import require_finite
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
-from robot_dynamics.inputs import require_finite, require_pose
+from robot_dynamics.inputs import require_pose
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.simulation.energy import kinetic_energy, potential_energy
 from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 
+from robot_dynamics.array_checks import require_finite
 from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.inputs import require_finite
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike

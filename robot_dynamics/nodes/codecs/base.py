@@ -74,7 +74,7 @@ def read_base_point(point: MultiDOFJointTrajectoryPoint, robot: Robot) -> Base |
         _require_no_base(robot, point.transforms or point.velocities)
         return None
     base = _read_entry([point], "base")
-    return Base(base.pose[0], base.twist[0])
+    return Base(np.asarray(base.pose)[0], np.asarray(base.twist)[0])
 
 
 def write_base(request: MultiDOFJointTrajectory, accelerations: Array, robot: Robot) -> MultiDOFJointTrajectory:

@@ -72,7 +72,9 @@ def read_platform_motion(
     platform = order.dynamics.platform
     description = f"the platform of {robot.name!r}"
     motions = read_link_motions(request.base, times, platform.link_names, namespace, description, at_rest)
-    accelerations = {link: base.acceleration for link, base in motions.items() if base.acceleration is not None}
+    accelerations = {
+        link: np.asarray(base.acceleration) for link, base in motions.items() if base.acceleration is not None
+    }
     if has_accelerations and not accelerations:
         raise InvalidInputError(
             "base.points[0].accelerations has 0 entries: the acceleration of the platform is needed"
@@ -83,8 +85,8 @@ def read_platform_motion(
     seed = _read_field(points, "positions", order)
     if seed is not None and np.isnan(seed).all():
         seed = None
-    poses = {link: base.pose for link, base in motions.items()}
-    twists = {link: base.twist for link, base in motions.items()}
+    poses = {link: np.asarray(base.pose) for link, base in motions.items()}
+    twists = {link: np.asarray(base.twist) for link, base in motions.items()}
     return PlatformMotion(
         pose=_of_platforms(poses, platform.link_names),
         twist=_of_platforms(twists, platform.link_names),

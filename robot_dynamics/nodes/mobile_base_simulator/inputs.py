@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import IntArray
     from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import SimulationSetup
 
-Motion: TypeAlias = Callable[[float], tuple[Array, Array, Array] | Array]
+Motion: TypeAlias = Callable[[float], tuple[Array, Array, Array]]
 """Positions, velocities and accelerations (n,) of all joints at a time [s]."""
 
 
@@ -167,9 +167,10 @@ class SimulatorInputs:
         start, trajectory = self._reference
         sample = np.empty((3, len(state.positions)))
 
-        def reference_motion(time: float) -> Array:
+        def reference_motion(time: float) -> tuple[Array, Array, Array]:
             trajectory.sample(time + offset - start, sample)
-            return sample.copy()
+            positions, velocities, accelerations = sample.copy()
+            return positions, velocities, accelerations
 
         return reference_motion
 

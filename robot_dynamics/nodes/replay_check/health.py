@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from robot_dynamics.nodes.diagnostics import ERROR, OK, STALE, WARN
 
 if TYPE_CHECKING:
-    from robot_dynamics.checking.live_check import JointStatus, LiveCheck
+    from robot_dynamics.checking.live_check import LiveCheck
+    from robot_dynamics.checking.status_tracker import JointStatus
     from robot_dynamics.nodes.diagnostics import Level, Values
     from robot_dynamics.nodes.robot_source import RobotSource
 
