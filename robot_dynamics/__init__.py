@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion
     from robot_dynamics.simulation.ground import Ground
     from robot_dynamics.simulation.simulation import Simulation
-    from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.simulation_state import SimulationState
     from robot_dynamics.simulation.wheels import Wheel
 
 __all__ = [

@@ -11,8 +11,8 @@ import numpy as np
 from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.charted_regressor import independent_regressor
+from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.constraints.mixed_dynamics import RobotState
-from robot_dynamics.constraints.state import projection_matrix
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import base_state, common_batch_shape, link_wrenches
 from robot_dynamics.joint_coordinates import JointCoordinates

@@ -14,7 +14,7 @@ from robot_dynamics.inputs import UNACTUATED_REASON
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.model.robot import Robot
 
 
@@ -204,7 +204,7 @@ class JointCoordinates:
         return embedded
 
     def constrained_state(self, q: ArrayLike) -> ConstrainedState:
-        """Return the `constraints.state.ConstrainedState` at positions `q`: how all joints move together there.
+        """Return the ConstrainedState at positions `q`: how all joints move together there.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, ref
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.dynamics_terms import ModelState
     from robot_dynamics.inputs import Base, ExternalWrenches
     from robot_dynamics.model.robot import Robot

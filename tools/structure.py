@@ -19,9 +19,10 @@ VAGUE_WORDS = frozenset("told found asked everyone answer answers question quest
 """Words that name no quantity of the field; identifiers are counted that contain one of them."""
 
 SHARED_FILE_NAMES = frozenset(
-    f"{name}.py" for name in "__init__ __main__ node parameters inputs outputs reader writer document evaluator".split()
+    f"{name}.py"
+    for name in "__init__ __main__ node parameters inputs outputs health reader writer document evaluator".split()
 )
-"""Names that several folders may use, because the folder says of what: one folder a node, one folder a format."""
+"""Names that several folders may use, because the folder says of what."""
 
 
 class Package:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from robot_dynamics.constraints.attitude_charts import chart_rates, displace, displacement
+from robot_dynamics.constraints.constrained_state import charted_state_at
 from robot_dynamics.constraints.newton_iteration import (
     CLOSURE_TOLERANCE,
     MAX_STEP,
@@ -20,7 +21,6 @@ from robot_dynamics.constraints.newton_iteration import (
     NEWTON_TOLERANCE,
     iterate_newton,
 )
-from robot_dynamics.constraints.state import charted_state_at
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray, IntArray

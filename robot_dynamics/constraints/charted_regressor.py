@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.constraints import attitude_charts
-from robot_dynamics.constraints.state import projection_matrix
+from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS, regressor
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import IntArray, ScalarArray
     from robot_dynamics.constraints.attitude_charts import AttitudeJoints
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.model.robot import Robot
 
 

@@ -19,9 +19,9 @@ import numpy as np
 from robot_dynamics.array_checks import require_finite
 from robot_dynamics.constraints.assembly_modes import solve_closure
 from robot_dynamics.constraints.branch_tracker import BranchTracker
+from robot_dynamics.constraints.constrained_state import charted_state_at, state_at
 from robot_dynamics.constraints.mobility import NEARLY_CLOSED_RESIDUAL, find_widest_loop
 from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE, newton_step
-from robot_dynamics.constraints.state import charted_state_at, state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
     from robot_dynamics.constraints.attitude_charts import AttitudeJoints
     from robot_dynamics.constraints.branch_tracker import ClosureResult
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.model.robot import Robot
 
 MIN_QUALITY = 10 * CLOSURE_TOLERANCE

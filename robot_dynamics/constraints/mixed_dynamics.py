@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result, refuse_overflow
-from robot_dynamics.constraints.state import projection_matrix
+from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.newton_euler import articulated_body, linear
 from robot_dynamics.newton_euler.composite import inertia_matrix
@@ -26,7 +26,7 @@ from robot_dynamics.newton_euler.walker_orin import bias
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.model.robot import Robot
 
 

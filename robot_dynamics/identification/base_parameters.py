@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.codegen.trace.parameter_grouping import select_independent_columns
-from robot_dynamics.constraints.state import projection_matrix
+from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
 from robot_dynamics.inputs import base_state
 from robot_dynamics.newton_euler.regressor import regressor

@@ -20,7 +20,7 @@ from robot_dynamics.parallel.platform_motion import AngleRates, ChartRates, Plat
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.robot import Robot

@@ -5,7 +5,7 @@
 
 from robot_dynamics.simulation.ground import Ground
 from robot_dynamics.simulation.simulation import Simulation
-from robot_dynamics.simulation.state import SimulationState
+from robot_dynamics.simulation.simulation_state import SimulationState
 from robot_dynamics.simulation.wheels import Wheel
 
 __all__ = ["Ground", "Simulation", "SimulationState", "Wheel"]

@@ -18,16 +18,16 @@ import numpy as np
 from robot_dynamics.array_types import Array
 from robot_dynamics.constraints import attitude_charts
 from robot_dynamics.constraints.branch_tracker import BranchTracker
+from robot_dynamics.constraints.constrained_state import charted_state_at
 from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
-from robot_dynamics.constraints.state import charted_state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.attitude_integration import AttitudeIntegration
 
 if TYPE_CHECKING:
-    from robot_dynamics.constraints.state import ConstrainedState
+    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.dynamics import Dynamics
 

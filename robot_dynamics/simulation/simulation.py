@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.ground import Ground
     from robot_dynamics.simulation.momentum import Momentum
     from robot_dynamics.simulation.rate_constraints import BaseType
-    from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.simulation_state import SimulationState
     from robot_dynamics.simulation.step_inputs import JointMotion
     from robot_dynamics.simulation.wheels import Wheel
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
     from robot_dynamics.simulation.ground_contact import GroundContact
     from robot_dynamics.simulation.plant import Plant
-    from robot_dynamics.simulation.state import SimulationState
+    from robot_dynamics.simulation.simulation_state import SimulationState
     from robot_dynamics.simulation.step_inputs import StepInputs
 
 logger = logging.getLogger(__name__)

@@ -13,7 +13,7 @@ import numpy as np
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.momentum import Momentum, momentum, twist_from_momentum
 from robot_dynamics.simulation.rotation import exponential, orthonormalize
-from robot_dynamics.simulation.state import SimulationState
+from robot_dynamics.simulation.simulation_state import SimulationState
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array

@@ -13,8 +13,8 @@ from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.attitude_charts import virtual_links
+from robot_dynamics.constraints.constrained_state import charted_state_at, projection_matrix, state_at
 from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
-from robot_dynamics.constraints.state import charted_state_at, projection_matrix, state_at
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.friction import friction

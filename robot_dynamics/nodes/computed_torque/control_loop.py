@@ -267,8 +267,8 @@ def _describe_age(age: float, is_unstamped: bool) -> str:
     if is_unstamped:
         return f"joint_states were in transit for {age:.3f} s"
     if age > 0:
-        question = "; do both use the same time (use_sim_time)?" if age > OTHER_CLOCK_AGE else ""
-        return f"joint_states are {age:.3f} s old by their stamp{question}"
+        hint = "; do both use the same time (use_sim_time)?" if age > OTHER_CLOCK_AGE else ""
+        return f"joint_states are {age:.3f} s old by their stamp{hint}"
     return (
         f"joint_states have a stamp {-age:.3f} s ahead of the clock of this node: do both use the same time "
         "(use_sim_time), and are the clocks of both machines synchronized?"

@@ -2,7 +2,7 @@
 
 import sys
 
-from robot_dynamics.nodes.demo.main import main
+from robot_dynamics.nodes.demo.demo import main
 
 if __name__ == "__main__":
     sys.exit(main())

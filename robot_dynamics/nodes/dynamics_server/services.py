@@ -27,7 +27,7 @@ from robot_dynamics.nodes.codecs.joint_trajectories import (
     read_velocities,
     write_trajectory,
 )
-from robot_dynamics.nodes.codecs.platform import (
+from robot_dynamics.nodes.codecs.platform_messages import (
     has_platform_motion,
     read_platform_at_rest,
     read_platform_motion,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.nodes.codecs.joint_order import JointOrder
-    from robot_dynamics.nodes.codecs.platform import (
+    from robot_dynamics.nodes.codecs.platform_messages import (
         Request,
     )
     from robot_dynamics.results import DynamicsResult

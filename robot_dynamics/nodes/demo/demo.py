@@ -25,7 +25,7 @@ matplotlib.use("Agg")  # no screen is needed; chosen before pyplot is imported
 
 from robot_dynamics.nodes.demo.closed_loop import show_closed_loops
 from robot_dynamics.nodes.demo.motion import Motion
-from robot_dynamics.nodes.demo.services import show_services
+from robot_dynamics.nodes.demo.service_demo import show_services
 
 PANDA_MOTION = Motion(
     start=np.array([-0.9, -0.6, 0.4, -2.4, 0.5, 1.2, -0.8]),
