@@ -101,7 +101,7 @@ _MODULES = {
     "PoseMap": "parallel.pose_map",
     "Robot": "model.robot",
     "Simulation": "simulation.simulation",
-    "SimulationState": "simulation.state",
+    "SimulationState": "simulation.simulation_state",
     "Spring": "model.joint",
     "Wheel": "simulation.wheels",
     "compute_base_parameters": "identification.base_parameters",

@@ -13,7 +13,7 @@ from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
 from robot_dynamics.inputs import Base
-from robot_dynamics.joint_dynamics import JointDynamics
+from robot_dynamics.joint_space.joint_dynamics import JointDynamics
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms

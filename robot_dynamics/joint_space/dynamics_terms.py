@@ -15,7 +15,7 @@ from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.constraints.mixed_dynamics import RobotState
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import base_state, common_batch_shape, link_wrenches
-from robot_dynamics.joint_coordinates import JointCoordinates
+from robot_dynamics.joint_space.joint_coordinates import JointCoordinates
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters

@@ -9,8 +9,8 @@ import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
-from robot_dynamics.dynamics_terms import DynamicsTerms
 from robot_dynamics.errors import InvalidInputError, SingularModelError
+from robot_dynamics.joint_space.dynamics_terms import DynamicsTerms
 from robot_dynamics.model.placement import invert_placement
 from robot_dynamics.newton_euler.equilibrium import find_equilibrium
 from robot_dynamics.newton_euler.friction import friction
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.constrained_state import ConstrainedState
-    from robot_dynamics.dynamics_terms import ModelState
     from robot_dynamics.inputs import Base, ExternalWrenches
+    from robot_dynamics.joint_space.dynamics_terms import ModelState
     from robot_dynamics.model.robot import Robot
 
 
