@@ -86,9 +86,9 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots and 
 
 soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming
 	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
-	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel.test_platform_models.py -k both_models --timeout 1500
+	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
-	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel.test_assembly_modes.py --timeout 1500
+	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel/test_assembly_modes.py --timeout 1500
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
 	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900
