@@ -217,6 +217,7 @@ def test_equilibrium_of_an_elastic_arm_minimises_its_energy():
     np.testing.assert_allclose(equilibrium.reactions[:, 0, :3], [[0, weight, 0]] * 2, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_equilibrium_with_a_wrench_has_zero_acceleration():
     """The direct model with the efforts of the equilibrium stays at rest: with motors, wrenches, batches."""
     for seed in range(20):
@@ -317,6 +318,7 @@ def test_equilibrium_of_a_soft_joint_beside_a_very_stiff_joint(stiffness, mass):
     assert equilibrium.stable
 
 
+@pytest.mark.slow
 def test_falling_light_mass_beside_a_heavy_mass_is_refused_in_each_sample():
     fall = {"prismatic": True, "actuated": False, "placed": UP}
     heavy, light = Inertia(1e6, [0, 0, 0], np.eye(3)), Inertia(1e-3)

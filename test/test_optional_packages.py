@@ -67,6 +67,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", REQUIRED)
 def test_missing_required_package_is_named_in_one_line(package):
     done = run_without([package], "robots")
@@ -84,11 +85,13 @@ def test_missing_required_package_is_named_by_the_library():
     assert run_without(["scipy"], program=program).returncode == 0
 
 
+@pytest.mark.slow
 def test_modules_import_without_optional_packages():
     done = run_without(OPTIONAL, program=EVERY_MODULE)
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_csv_and_mdh_tables_need_no_optional_packages(recording, tmp_path):
     arguments = [recording, "--robot", "rx90"]
     pictures = ["--pictures", tmp_path / "pictures"]
@@ -101,6 +104,7 @@ def test_csv_and_mdh_tables_need_no_optional_packages(recording, tmp_path):
     assert shown.returncode == 0 and "robot 'rx90'" in shown.stdout and not shown.stderr
 
 
+@pytest.mark.slow
 def test_shipped_robots_are_listed_without_yourdfpy():
     done, whole = run_without(["yourdfpy"], "robots"), run_without([], "robots")
     names = [[line.split()[0] for line in process.stdout.splitlines()] for process in (done, whole)]
@@ -110,6 +114,7 @@ def test_shipped_robots_are_listed_without_yourdfpy():
     assert not whole.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("package", "arguments", "remedy"),
     [

@@ -54,6 +54,7 @@ def imported():
     return {name: file for name, file in packages.items() if name not in {*sys.stdlib_module_names, "robot_dynamics"}}
 
 
+@pytest.mark.slow
 def test_every_package_that_is_imported_is_declared(declared):
     assert {"lark", "scipy", "rosbags", "distributed", "llvmlite"} <= set(imported())
     required, extra = declared.install_requires, [name for more in declared.extras_require.values() for name in more]

@@ -20,6 +20,7 @@ def package():
     return structure.Package(ROOT)
 
 
+@pytest.mark.slow
 def test_identifiers_are_terms_of_the_field(package):
     assert package.vague_identifiers() == []
 

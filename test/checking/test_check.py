@@ -175,6 +175,7 @@ def test_load_tolerances_overrides_the_default(tmp_path):
         load_tolerances(tmp_path / "wrong.yaml")
 
 
+@pytest.mark.slow
 def test_check_refuses_constant_efforts_and_names_joints_without_efforts(tmp_path):
     silent = MOTION._replace(efforts=0 * MOTION.efforts)
     with pytest.raises(RecordingError, match="efforts are constant throughout"):

@@ -110,6 +110,7 @@ def real(robot, recording, link):
     return Subject(Dynamics(identified.robot), identified.drives, link, segment.rate, *signals)
 
 
+@pytest.mark.slow
 def test_evidence_of_simulated_recordings_without_fault_has_none():
     subject = simulated(0)
     motion = panda_motion(duration=20.0, rate=100.0)
@@ -118,11 +119,13 @@ def test_evidence_of_simulated_recordings_without_fault_has_none():
         assert subject.find_fault(motion.efforts + noise * [0.4, 0.6, 0.4, 0.5, 0.1, 0.1, 0.05]) is None, seed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_faults_of_simulated_recordings_are_identified_and_dated(kind):
     assert list(simulated(1).count_identified(kind, 6)) == [6, 6, 6]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_faults_late_in_recordings_longer_than_the_memory_are_identified(kind, monkeypatch):
     monkeypatch.setattr(faults, "MAX_SAMPLES", 1000)  # of 6000 at 50 Hz
@@ -145,6 +148,7 @@ def test_joint_without_efforts_has_no_fault_and_hides_none(joint):
     assert fault.kind == "payload" and fault.onset == pytest.approx(11.0, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 @pytest.mark.parametrize(
     ("robot", "recording", "link"),
@@ -181,6 +185,7 @@ def placement(position):
     return matrix
 
 
+@pytest.mark.slow
 def test_command_reports_a_payload(tmp_path, capsys):
     subject = simulated(2)
     efforts, _ = subject.add_fault("payload", 8.0, np.random.default_rng(0))

@@ -46,6 +46,7 @@ def feed_all(live, recorded, every=10, on_advance=None):
     return predictions + live.finish()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [5, 700])
 def test_live_check_agrees_with_the_check_of_the_recording(tmp_path, every):
     motion, pieces = noisy(), []
@@ -152,6 +153,7 @@ def test_live_check_skips_rows_without_positions_at_the_beginning():
     assert live.result().passed and live.statistics.counts["not_finite"] == 150
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("every", [1, 10])
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
 def test_live_check_of_uneven_stamps_and_gaps_agrees_with_the_check_of_the_recording(tmp_path, kind, every):
@@ -199,6 +201,7 @@ def test_live_check_drops_rows_that_raise_an_error(monkeypatch):
     assert failures == 1 and live.result().passed and live.result().verdicts[0].joint.samples > 1700
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 @pytest.mark.parametrize(
     ("robot", "bag", "reversed_joint", "expected"),

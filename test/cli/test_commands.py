@@ -254,6 +254,7 @@ def test_wrong_arguments_are_named_in_messages(tmp_path, capsys):
     assert "VERB" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_installed_command_runs_and_accepts_a_closed_pipe():
     command = Path(sys.executable).with_name("robot-dynamics")
     process = subprocess.run([command, "show", "panda"], capture_output=True, text=True, timeout=60)

@@ -26,6 +26,7 @@ def test_frequencies_of_elastic_gears(capsys):
     assert "3 in all" in printed(["manutec_r3", "--joints", "motor_2=1.2"], capsys)
 
 
+@pytest.mark.slow
 def test_mode_and_map_are_drawn_as_html(tmp_path, capsys):
     pytest.importorskip("plotly", reason="plotly, which draws in HTML, is not installed")
     mode, picture = tmp_path / "mode.html", tmp_path / "map.html"
@@ -38,12 +39,14 @@ def test_mode_and_map_are_drawn_as_html(tmp_path, capsys):
     assert "Plotly.newPlot" in picture.read_text()
 
 
+@pytest.mark.slow
 def test_map_is_drawn_as_png(tmp_path, capsys):
     picture = tmp_path / "map.png"
     out = printed(["navaro", "--map", "x:-0.01:0.01:2,y:-0.1:0.1:2", "--count", "2", "--output", str(picture)], capsys)
     assert "4 of 4 poses reached" in out and picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments, reason",
     [

@@ -28,6 +28,7 @@ def bags(tmp_path_factory):
     return [write_bag(folder / f"run_{k}", messages(motion)) for k, motion in enumerate(motions)]
 
 
+@pytest.mark.slow
 def test_identify_corrects_a_wrong_description(bags, tmp_path, capsys):
     fitted, drives, figures = (tmp_path / "out" / name for name in ("panda.yaml", "drives.yaml", "fit.json"))
     arguments = ["--robot", "panda", "--output", fitted, "--output-drives", drives, "--json", figures]
@@ -59,6 +60,7 @@ def test_short_pieces_between_gaps_are_left_out_and_reported(bags, tmp_path, cap
     assert friction == pytest.approx([1.5] * 7, abs=0.15)
 
 
+@pytest.mark.slow
 def test_identify_completes_a_description_without_masses(tmp_path, capsys):
     """The robot is a Unitree Z1 without <inertial> elements; the fitted robot has the efforts of the original."""
     text = real_urdf("z1")
@@ -78,6 +80,7 @@ def test_identify_completes_a_description_without_masses(tmp_path, capsys):
     assert np.abs(efforts - validation.efforts[:, order]).max() < 0.02 * np.abs(validation.efforts).max()
 
 
+@pytest.mark.slow
 def test_wrong_options_are_refused(bags, tmp_path, capsys):
     folder = tmp_path / "folder.yaml"
     folder.mkdir()
@@ -141,6 +144,7 @@ def currents(tmp_path_factory):
     return bags
 
 
+@pytest.mark.slow
 def test_drive_gains_are_identified_from_currents_and_written(currents, tmp_path, capsys):
     bare, loaded = map(str, currents)
     fitted, drives, figures = (str(tmp_path / name) for name in ("panda.yaml", "drives.yaml", "fit.json"))

@@ -55,6 +55,7 @@ def equal(first, second):
     return first == pytest.approx(second, rel=1e-9, abs=1e-12) if isinstance(first, float) else first == second
 
 
+@pytest.mark.slow
 def test_identification_is_equal_with_every_executor(bags, cluster, tmp_path, capfd):
     local = identified(bags, tmp_path / "here.json")
     capfd.readouterr()
@@ -65,6 +66,7 @@ def test_identification_is_equal_with_every_executor(bags, cluster, tmp_path, ca
     assert any("ends of segments" in note for note in local["notes"])
 
 
+@pytest.mark.slow
 def test_checks_are_equal_with_every_executor(bags, cluster, tmp_path, capfd):
     text = tmp_path / "notes.mcap"
     text.write_text("hello")

@@ -43,6 +43,7 @@ def leg_lengths(x, z):
     return np.linalg.norm(legs, axis=0)
 
 
+@pytest.mark.slow
 def test_map_over_two_coordinates_agrees_with_closed_forms(tmp_path, capsys):
     picture, numbers = tmp_path / "map.png", tmp_path / "map.csv"
     over = "x:-1.5:1.5:7,z:0.6:3.4:8"
@@ -66,6 +67,7 @@ def test_map_over_two_coordinates_agrees_with_closed_forms(tmp_path, capsys):
     assert not shows(picture, "singular: the motors do not hold it")
 
 
+@pytest.mark.slow
 def test_map_over_one_coordinate_with_an_acceleration(tmp_path, capsys):
     numbers, acceleration = tmp_path / "map.csv", [0, 0, 1.5, 0, 0.2, 0]
     arguments = ["--over", "roll:-0.2:0.2:5", "--at", "z=2.2,yaw=0.1", "--csv", str(numbers)]
@@ -78,6 +80,7 @@ def test_map_over_one_coordinate_with_an_acceleration(tmp_path, capsys):
     assert "5 of 5 poses are in reach" in capsys.readouterr().out and (tmp_path / "map.svg").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_singular_poses_differ_from_poses_out_of_reach(tmp_path):
     """A level platform turned by 90 degrees is singular at every position (Fichter)."""
     robot = gough_stewart()
@@ -88,6 +91,7 @@ def test_singular_poses_differ_from_poses_out_of_reach(tmp_path):
     assert not shows(tmp_path / "map.png", "out of reach of the legs")
 
 
+@pytest.mark.slow
 def test_progress_bar_is_shown_on_a_terminal(tmp_path):
     controlling, terminal = pty.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
@@ -102,6 +106,7 @@ def test_progress_bar_is_shown_on_a_terminal(tmp_path):
     assert "/3" in shown and "poses/s" in shown and b"poses/s" not in process.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [

@@ -38,6 +38,7 @@ def test_exit_status_is_0_for_a_fitting_model_and_3_for_a_fault(tmp_path, capsys
     assert printed.count("FAILED") == 2
 
 
+@pytest.mark.slow
 def test_json_and_pictures_agree_with_the_check(tmp_path, capsys):
     bag = write_bag(tmp_path / "bad", messages(faulty()))
     assert run(bag, "--robot", "panda", "--json", tmp_path / "out" / "check.json", "--pictures", tmp_path / "png") == 3
@@ -126,6 +127,7 @@ def browser():
         launched.close()
 
 
+@pytest.mark.slow
 def test_report_opens_in_a_browser_without_network(tmp_path, browser):
     bag = write_bag(tmp_path / "bad", messages(faulty()))
     assert run(bag, "--robot", "panda", "--report", tmp_path / "report.html") == 3

@@ -198,6 +198,7 @@ def mode_deviation(q):
     return np.abs(np.exp(1j * (q[..., 0] + q[..., 1])) + np.exp(1j * q[..., 2]))
 
 
+@pytest.mark.slow
 def test_positions_beyond_a_singular_position_keep_the_mode_or_are_refused():
     """A parallelogram may cross where all links are on one line: positions beyond keep its mode, or are refused."""
     dynamics = Dynamics(load_robot(ARM), compiled=False)

@@ -51,6 +51,7 @@ def test_newton_step_that_is_not_finite_is_not_taken():
         np.testing.assert_allclose(residual, 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS)
 def test_determinant_sign_of_numpy_and_of_the_program_agree(name):
     """Of `determinant_matrix`: positive at the reference positions, and of the same sign in the minimal frames of the
@@ -67,6 +68,7 @@ def test_determinant_sign_of_numpy_and_of_the_program_agree(name):
     assert clear.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPED)
 def test_closure_solver_closes_batches_longer_than_a_block(name, monkeypatch):
     monkeypatch.setattr("robot_dynamics.constraints.closure_solver.BLOCK_SIZE", 7)

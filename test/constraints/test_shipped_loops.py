@@ -104,6 +104,7 @@ def test_empty_batches_have_empty_results(name, batch, compiled):
             assert dynamics.expand_trajectory(q).shape == (*batch, joint_count)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPED)
 def test_partial_seed_chooses_the_assembly_mode(name):
     """Seeds of one or several joints in the initial mode; joints with a seed keep their positions."""
@@ -248,6 +249,7 @@ def test_squeezer_has_the_published_initial_accelerations():
     )
 
 
+@pytest.mark.slow
 def test_squeezer_has_the_published_final_state():
     """Its state at 0.03 s, after two and a half turns, as printed in the Test Set for IVP Solvers, problem Andrews."""
     dynamics = Dynamics(load_robot("andrews_squeezer"))
@@ -334,6 +336,7 @@ def test_accelerations_of_linkages_agree_with_natural_coordinates(name):
         np.testing.assert_allclose(dynamics.direct(q, qd, efforts), turning, rtol=1e-8, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPED)
 def test_power_balance_along_a_trajectory(name):
     """d/dt (kinetic + potential + elastic) = motors + wrench - dissipation, to 1e-7 of the peak power; with friction

@@ -30,6 +30,7 @@ def law_of(robot, joints=None):
     return ControlLaw(dynamics, joints or actuated_joint_names(dynamics))
 
 
+@pytest.mark.slow
 def test_control_laws_match_their_formulas_in_pinocchio():
     law = law_of(load_robot(panda_with_friction()))
     model = pinocchio.buildModelFromXML(panda_with_friction())
@@ -125,6 +126,7 @@ def mass_matrix_of_motors(law):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction_velocity", FRICTION_VELOCITIES)
 @pytest.mark.parametrize("name", [*ROBOTS, "unactuated arm", "elastic mounts"])
 def test_computed_torque_gives_the_error_dynamics_for_every_robot(name, friction_velocity):

@@ -94,6 +94,7 @@ def two_inertias(law, stiffness, damping, source, *, seconds=1.3, step=2e-4):
     return np.array(samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 2.0, 20.0, 200.0], ids=lambda damping: f"d/k of {damping / 2:g} ms")
 def test_feedforward_gives_the_desired_link_acceleration_with_any_damper(damping):
     """d / k is 0, 1, 10 and 100 ms, with the viscous friction of the joint of the spring. There is no feedback."""
@@ -104,6 +105,7 @@ def test_feedforward_gives_the_desired_link_acceleration_with_any_damper(damping
     assert error < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.0, 2.0, 20.0, 200.0], ids=lambda damping: f"d/k of {damping / 2:g} ms")
 def test_feedforward_spreads_jumps_of_the_jerk(damping):
     """The jerk jumps at both ends of a quintic; no finite effort can follow it through a spring without damper."""
@@ -286,6 +288,7 @@ ROBOTS_WITH_LOOPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROBOTS_WITH_LOOPS)
 def test_feedforward_gives_the_desired_link_accelerations_in_loops(name):
     """The plant has maximal coordinates and multipliers: bodies at the motors, friction of passive joints, rotors."""
@@ -313,6 +316,7 @@ def test_feedforward_gives_the_desired_link_accelerations_in_loops(name):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec_r3", "3-RPS, 20 N/mm and a damper"])
 def test_motor_rates_are_exactly_zero_where_the_links_rest(name):
     """Exactly zero: noise of rates would make Coulomb friction jump."""

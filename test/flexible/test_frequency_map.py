@@ -24,6 +24,7 @@ def frequencies_on_grid(dynamics):
     return frequencies_on_grid
 
 
+@pytest.mark.slow
 def test_frequency_map_agrees_with_finite_elements_at_each_pose(frequencies_on_grid):
     assert frequencies_on_grid.frequencies.shape == (3, 2, 5)
     assert frequencies_on_grid.reachable.tolist() == [[True, True], [True, True], [False, False]]

@@ -46,6 +46,7 @@ def test_a_description_without_masses_has_the_same_base_parameters():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_base_parameters_of_loops_determine_the_efforts(seed):
     """The closed states are independent of the random motions of the computation; springs are excluded."""
@@ -71,6 +72,7 @@ def test_base_parameters_of_loops_determine_the_efforts(seed):
     assert np.linalg.matrix_rank(rows, tol=1e-8) == len(grouping.independent)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_rank_by_another_way_of_sampling_agrees_at_every_seed(name):
     """The peer samples states along lines of the motors or at poses of the platform, without random walks."""
@@ -163,6 +165,7 @@ def test_numbers_of_base_parameters_agree_with_the_literature(robot, bodies, wit
             assert len(kinds) - 2 * len(robot.joints) == with_rotors
 
 
+@pytest.mark.slow
 def test_loop_motions_stay_closed_within_limits_and_in_their_branch():
     """The coupler of a parallelogram keeps its direction; in the antiparallelogram branch it would turn."""
     for name in ("sr400", "delta_wrist", "bricard"):
@@ -226,6 +229,7 @@ def test_rocker_parameters_are_grouped_with_those_of_crank_and_coupler():
     assert share["MX.coupler"] == pytest.approx(linkage.coupler / linkage.rocker, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_compiled_regressor_agrees_with_the_recursion():
     looped = random_loops(3, loops=1, kinds=("planar",), moving_base=True)
     dynamics = Dynamics(looped.robot, compiled=False)

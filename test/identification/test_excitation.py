@@ -74,6 +74,7 @@ def condition(trajectory):
     return np.linalg.cond(X / np.linalg.norm(X, axis=0))
 
 
+@pytest.mark.slow
 def test_designed_trajectory_has_a_lower_condition_number_than_random_ones(exciting, random):
     random_conditions = [condition(trajectory) for trajectory in random]
     designed = condition(exciting[0])
@@ -92,6 +93,7 @@ def central_differences(function, x, step=1e-6):
     return np.array([(function(x + step * unit) - function(x - step * unit)) / (2 * step) for unit in np.eye(len(x))])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("acceleration", [np.inf, 8.0, 2.0])
 def test_gradient_by_trajectory_parameters_agrees_with_finite_differences(acceleration):
     """The bound of position, velocity or acceleration is the active one."""
@@ -148,6 +150,7 @@ def condition_at(trajectory, times):
     return np.linalg.cond(X / np.linalg.norm(X, axis=0))
 
 
+@pytest.mark.slow
 def test_exact_gradients_need_a_tenth_of_the_evaluations_of_finite_differences(monkeypatch):
     """The same number of iterations starts from the same trajectory, with steps that smooth friction well."""
     evaluations, candidates = [0], []
@@ -177,6 +180,7 @@ def test_exact_gradients_need_a_tenth_of_the_evaluations_of_finite_differences(m
     assert 10 * by_gradients < by_differences
 
 
+@pytest.mark.slow
 def test_time_limit_returns_the_best_trajectory_so_far(monkeypatch):
     progress, estimates = [], []
     design = design_excitation(MODEL, BOUNDS, iterations=4, on_estimate=estimates.append,
@@ -194,6 +198,7 @@ def test_time_limit_returns_the_best_trajectory_so_far(monkeypatch):
     assert not limited.complete and limited.iterations == 2 and limited.condition == progress[1][1]
 
 
+@pytest.mark.slow
 def test_command_shows_a_progress_bar_on_a_terminal(tmp_path):
     """The command runs in a process whose stderr is a terminal."""
     controlling, terminal = pty.openpty()

@@ -201,6 +201,7 @@ def test_consistent_robot_agrees_with_the_truth():
     assert consistent.drives.effort_offsets == pytest.approx(OFFSETS, abs=0.1)
 
 
+@pytest.mark.slow
 def test_robots_with_loops_are_identified():
     dynamics = Dynamics(load_robot("five_bar"))
     times = np.arange(3000) / 100.0

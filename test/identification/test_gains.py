@@ -73,6 +73,7 @@ def test_gains_and_parameters_without_noise_are_the_true_ones(drives):
     assert fit.training_quality.rms_unfiltered.max() < 1e-6
 
 
+@pytest.mark.slow
 def test_errors_of_gains_agree_with_their_standard_deviations():
     """There are 8 runs here, and 200 in `make soak`."""
     drives, relative, normalized, covered = direct_drives(JOINTS), [], [], []

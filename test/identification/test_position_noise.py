@@ -66,6 +66,7 @@ def bias(noise, cutoff=8.0, speed=1.0):
     return mean, error, covered
 
 
+@pytest.mark.slow
 def test_bias_from_noise_of_a_tenth_of_a_milliradian_is_below_a_deviation():
     mean, _, covered = bias(SMALL)
     assert np.abs(mean).max() < 0.7 and 0.90 < covered < 0.99
@@ -88,11 +89,13 @@ def test_bias_grows_with_the_square_of_the_noise():
     assert shifts[1] / shifts[0] == pytest.approx(9, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("cutoff", "speed", "most"), [(4.0, 1.0, 2.5), (8.0, 2.0, 6.0), (4.0, 2.0, 1.0)])
 def test_bias_decreases_with_a_lower_cutoff_and_faster_motions(cutoff, speed, most):
     assert np.abs(bias(LARGE, cutoff, speed)[0]).max() < most
 
 
+@pytest.mark.slow
 def test_halving_the_cutoff_reveals_bias():
     """Biased parameters change by more than two standard deviations, which needs no known truth."""
     shifted = {noise: np.mean([np.abs(fit.values - reference.values) > 2 * reference.standard_deviations

@@ -52,6 +52,7 @@ def tx40():
     return Robot("tx40/tx40_mdh_modified.urdf", "tx40", shipped_file("drives/tx40.yaml"), 100.0)
 
 
+@pytest.mark.slow
 def test_ur10_without_rotors_fits_with_36_base_parameters(ur10):
     fit = ur10.fit(rotor_inertia=False)
     assert fit.model.inertial_count == 36 and len(fit.model.names) == 36 + 18
@@ -85,6 +86,7 @@ def test_fitted_ur10_passes_the_default_tolerances(ur10, tmp_path):
     assert (rms < FACTOR * np.array([3.34, 2.92, 2.07, 0.57, 0.48, 1.80])).all()
 
 
+@pytest.mark.slow
 def test_tx40_fits_with_its_coupled_wrist(tx40):
     fit = tx40.fit()
     assert fit.model.inertial_count == 40 and len(fit.model.names) == 61
@@ -94,6 +96,7 @@ def test_tx40_fits_with_its_coupled_wrist(tx40):
     assert viscous == pytest.approx([8.05, 5.53, 1.97, 1.11, 1.86, 0.65], rel=0.15)
 
 
+@pytest.mark.slow
 def test_tx40_fit_of_the_first_half_is_valid_for_the_second(tx40):
     fit = tx40.fit(held_out=0.5)
     assert (fit.validation_quality.rms < FACTOR * np.array([2.24, 3.60, 1.27, 0.74, 1.29, 0.90])).all()

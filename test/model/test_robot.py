@@ -281,6 +281,7 @@ def test_undefined_urdf_joint_is_refused(fields, reason):
         replace(robot, joints=joints)
 
 
+@pytest.mark.slow
 def test_many_joints_are_checked_quickly():
     """The time is not quadratic: a table of 2000 rows loads, with its warnings, in seconds."""
     rows = "".join(

@@ -7,6 +7,7 @@ from peers.reachable import reachable
 from robot_dynamics import DescriptionError, Dynamics, load_robot, shipped_robots
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_robot_loads_and_both_models_agree(name):
     robot = load_robot(name)

@@ -57,6 +57,7 @@ def check_modes(dynamics, q, least):
     print(f"{dynamics.robot.name}: {closed.sum()} of {len(q)} agree, {(~closed).sum()} are refused")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_assembly_modes_of_shipped_robots(name):
     """Motors are at random positions within their limits."""
@@ -72,6 +73,7 @@ def test_all_parallel_robots_are_covered():
     assert {*KINDS} == {*KINDS_CLOSED}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_assembly_modes_of_random_robots(kind, seed):
@@ -102,6 +104,7 @@ def test_platform_turned_over_is_another_assembly_mode():
         dynamics.expand_positions(motors)
 
 
+@pytest.mark.slow
 def test_joint_positions_of_a_pose_have_that_pose():
     """Legs leave z, pitch and roll free, and pitch is beyond 90°: folded angles belong to another pose too."""
     dynamics = Dynamics(random_platform("3-PRS", 0))
@@ -119,6 +122,7 @@ def test_joint_positions_of_a_pose_have_that_pose():
     np.testing.assert_allclose(dynamics.platform.inverse(pose, *motion, seed=q), result.efforts, rtol=0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_blocks_of_samples_are_closed_in_sequence(monkeypatch):
     """The memory of a block, such as the determinants of its loops, is released before the next but one."""
     monkeypatch.setattr("robot_dynamics.constraints.closure_solver.BLOCK_SIZE", 20)

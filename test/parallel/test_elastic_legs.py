@@ -44,6 +44,7 @@ def test_deflections_are_part_of_the_state_and_the_motors_follow(dynamics):
     np.testing.assert_array_equal(default_positions[:, numbers], np.zeros((COUNT, len(numbers))))
 
 
+@pytest.mark.slow
 @BOTH
 def test_direct_model_agrees_with_multipliers_and_pinocchio(dynamics):
     poses, twists, _, other_joints = states(dynamics)
@@ -63,6 +64,7 @@ def test_direct_model_agrees_with_multipliers_and_pinocchio(dynamics):
                 np.testing.assert_allclose(actual[link][k], acceleration, rtol=0, atol=tolerance * scale)
 
 
+@pytest.mark.slow
 def test_inverse_model_with_elastic_mounts_gives_the_platforms_their_acceleration():
     poses, twists, accelerations, other_joints = states(MOUNTS)
     result = MOUNTS.platform.solve(poses, twists, acceleration=accelerations, other_joints=other_joints)
@@ -101,6 +103,7 @@ def test_inverse_model_is_refused_where_springs_determine_the_acceleration():
         np.testing.assert_allclose(actual[0][link], actual[1][link], rtol=0, atol=1e-8 * np.abs(actual[0][link]).max())
 
 
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("wrench", [None, [5.0, -8, 3, 0.2, 0.1, 0.5]])
 def test_equilibrium_at_a_pose_has_zero_accelerations(dynamics, wrench):

@@ -29,6 +29,7 @@ POSES = poses(1000)
 TWISTS, ACCELERATIONS = RNG.uniform(-1, 1, (2, 1000, 6))
 
 
+@pytest.mark.slow
 def test_leg_lengths_agree_with_closed_forms():
     """Leg lengths and platform poses by hand."""
     q = DYNAMICS.platform.joint_positions(POSES)
@@ -62,12 +63,14 @@ def test_joint_motion_is_the_derivative_along_a_platform_motion():
     np.testing.assert_allclose((after - 2 * q + before) / h**2, qdd, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_direct_model_inverts_the_inverse_model():
     efforts = DYNAMICS.platform.inverse(POSES, TWISTS, ACCELERATIONS)
     actual = DYNAMICS.platform.direct(POSES, TWISTS, efforts)
     assert np.abs(actual - ACCELERATIONS).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("leg", [0, 3])
 def test_second_solution_agrees_with_the_first(leg):
     """The platform on one of the legs, loops through all others: 1000 poses and twists, to 1e-10 of the efforts."""
@@ -99,6 +102,7 @@ def _angles(R, C):
     return Rotation.from_matrix(R @ C @ C.T @ np.linalg.inv(C @ C)).as_euler("ZXY")
 
 
+@pytest.mark.slow
 def test_both_models_agree_with_multipliers_and_pinocchio():
     maximal, pinocchio = MaximalCoordinates(ROBOT), PinocchioLoops(ROBOT)
     q, qd, qdd = DYNAMICS.platform.joint_motion(POSES, TWISTS, ACCELERATIONS)

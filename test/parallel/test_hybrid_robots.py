@@ -31,6 +31,7 @@ def independent(dynamics):
     return [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HYBRIDS)
 def test_pose_is_relative_to_the_frame_on_which_the_platform_stands(name):
     dynamics, poses, _, _, other_joints = first_states(name)
@@ -56,6 +57,7 @@ def test_legs_of_both_hexapods_have_the_distance_between_their_joints():
         np.testing.assert_allclose(np.sort(q[:, numbers], axis=1), lengths, rtol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HYBRIDS)
 def test_direct_geometry_inverts_inverse_geometry(name):
     dynamics, poses, _, _, other_joints = first_states(name)
@@ -65,6 +67,7 @@ def test_direct_geometry_inverts_inverse_geometry(name):
         np.testing.assert_allclose(actual[link], pose, atol=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HYBRIDS)
 def test_direct_model_inverts_the_inverse_model(name):
     dynamics, poses, twists, accelerations, other_joints = first_states(name)
@@ -82,6 +85,7 @@ def test_direct_model_inverts_the_inverse_model(name):
     np.testing.assert_allclose(result.motion.accelerations[:, numbers], other_joints[2], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "legs"), [("hexapod_stack", (0, 9)), ("planar_stack", (3, 2))])
 def test_second_solution_agrees_with_the_first(name, legs):
     """Each platform on one of its legs, loops through all others: all states, to 1e-10 of the efforts."""
@@ -95,6 +99,7 @@ def test_second_solution_agrees_with_the_first(name, legs):
     assert np.abs(actual - efforts).max() < 1e-10 * np.abs(efforts).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count"), [("hexapod_stack", 10), ("planar_stack", 50)])
 def test_both_models_agree_with_multipliers_and_pinocchio(name, count):
     dynamics, poses, twists, accelerations, other_joints = first_states(name, count)
@@ -112,6 +117,7 @@ def test_both_models_agree_with_multipliers_and_pinocchio(name, count):
         assert np.abs(actual - efforts[k]).max() < 1e-6 * np.abs(efforts[k]).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HYBRIDS)
 def test_single_platform_takes_the_motors_of_the_other_as_joints(name):
     dynamics, poses, twists, accelerations, other_joints = first_states(name, 20)
@@ -142,6 +148,7 @@ def test_jacobians_map_motor_rates_to_the_relative_twist():
     assert np.abs(actual["upper"][..., :6]).max() < 1e-12  # the lower module does not move it relative to its stand
 
 
+@pytest.mark.slow
 def test_weight_on_the_upper_platform_loads_both_modules():
     """Virtual work: wrench w on the upper platform, efforts -Jᵀ w of its absolute twist, by differences of poses."""
     dynamics, poses, *_ = first_states("hexapod_stack", 1)
@@ -161,6 +168,7 @@ def test_weight_on_the_upper_platform_loads_both_modules():
         assert change[k] == pytest.approx(-twist @ wrench, rel=1e-6, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_invalid_platform_arguments_are_refused():
     dynamics, poses, twists, *_ = first_states("hexapod_stack", 2)
     platform = dynamics.platform

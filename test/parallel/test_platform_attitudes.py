@@ -77,6 +77,7 @@ def near(actual, expected, tolerance=1e-9):
     np.testing.assert_allclose(actual, expected, rtol=0, atol=tolerance * scale)
 
 
+@pytest.mark.slow
 def test_direct_geometry_at_every_attitude(pair):
     assert np.abs(np.abs(np.sin(pair.new.initial_joint_positions[pair.new.robot.platform.joints[4]])) - 1) < 1e-9
     near(pair.legs(pair.new_q, pair.new), pair.legs(pair.old_q, pair.old))
@@ -87,6 +88,7 @@ def test_direct_geometry_at_every_attitude(pair):
     near(pair.new.expand_positions(pair.new_q), pair.new_q)  # as a seed
 
 
+@pytest.mark.slow
 def test_trajectory_passes_steep_attitudes(pair):
     home = pair.old.initial_joint_positions[pair.n]
     for q in pair.q[-2:]:
@@ -95,6 +97,7 @@ def test_trajectory_passes_steep_attitudes(pair):
         near(pair.legs(new, pair.new), pair.legs(old, pair.old))
 
 
+@pytest.mark.slow
 def test_both_models_at_every_attitude(pair):
     old = pair.old.inverse(pair.old_q, pair.qd, pair.qdd)
     new = pair.new.solve(pair.new_q, pair.qd, qdd=pair.qdd)
@@ -114,6 +117,7 @@ def test_both_models_at_every_attitude(pair):
     near(loaded.accelerations, pair.old.direct(pair.old_q, pair.qd, old, external_wrenches=wrench), 1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", ["6-UPS up", "delta", "3-RPS"], indirect=True)
 def test_compiled_models_at_every_attitude(pair):
     programs = {name: pair.new.compile(name) for name in ("inverse", "direct")}
@@ -153,6 +157,7 @@ def test_regressor_columns_of_legs_do_not_depend_on_platform_frames(pair):
         near(new[..., pair.new.parameter_names.index(name)], old[..., pair.old.parameter_names.index(name)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", ["gough_stewart", "3-RPS"], indirect=True)
 def test_compiled_regressor_at_every_attitude(pair):
     program = pair.new.compile("regressor")
@@ -205,6 +210,7 @@ def platform_of(pair):
     return pair.old.platform, pair.new.platform
 
 
+@pytest.mark.slow
 def test_platform_methods_at_every_attitude(pair):
     """Inverse geometry, Jacobian, both models, and the twist and acceleration of a motion."""
     old, new = platform_of(pair)

@@ -55,6 +55,7 @@ def test_shipped_robots_include_each_kind():
     assert {"gough_stewart", "delta", "orthoglide", "navaro", "delta_wrist"} <= set(PARALLEL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_second_solution_agrees_with_the_first(name):
     dynamics, (arguments, (q, qd, qdd), efforts) = dynamics_of(name), motions(name)
@@ -106,12 +107,14 @@ def test_pose_may_be_read_only():
         np.testing.assert_array_equal(platform.inverse(pose), expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_both_models_agree_with_multipliers(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
     check_both_models(dynamics, MaximalCoordinates(dynamics.robot), motion, efforts, COMPARED or 20, 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_both_models_agree_with_pinocchio(name):
     dynamics, (_, motion, efforts) = dynamics_of(name), motions(name)
@@ -151,6 +154,7 @@ def test_direct_model_inverts_the_inverse_model(name):
     assert np.abs(actual - acceleration).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_direct_geometry_inverts_inverse_geometry(name):
     dynamics, ((pose, *_), (q, *_), _) = dynamics_of(name), motions(name)
@@ -210,6 +214,7 @@ def test_singular_pose_is_refused_with_its_condition_number(name):
             )
 
 
+@pytest.mark.slow
 def test_leg_out_of_reach_is_named_with_its_gap():
     """The Delta: one leg is too short when stretched out, the others reach."""
     dynamics, gaps, x = dynamics_of("delta"), [], np.array([0.3, 0.6, -1.2, 0, 0, 0])

@@ -14,6 +14,7 @@ COMPLIANCE = {"delta": 1e-2, "gough_stewart": 2e-4}
 RIGID = {"delta": 1e-4, "gough_stewart": 1e-7}  # the same, extrapolated from two impedances to 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["delta", "gough_stewart"])
 def test_both_models_agree_with_mujoco_within_its_constraint_compliance(name):
     dynamics = Dynamics(load_robot(name), compiled=False)

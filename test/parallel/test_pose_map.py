@@ -13,6 +13,7 @@ from robot_dynamics.parallel.pose_map import pose_map
 DYNAMICS = Dynamics(gough_stewart())
 
 
+@pytest.mark.slow
 def test_map_entries_agree_with_single_poses():
     fractions = []
     axes = {"x": np.linspace(-0.2, 0.2, 3), "yaw": np.linspace(-0.4, 0.4, 4)}

@@ -34,6 +34,7 @@ def independent(dynamics):
     return [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_legs_close_far_from_singular_wherever_the_platform_may_be(name):
     robot = load_robot(name, strict=True)
@@ -54,6 +55,7 @@ def test_legs_close_far_from_singular_wherever_the_platform_may_be(name):
     assert np.linalg.cond(jacobian[..., legs]).max() < 1e4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_platform_pose_agrees_with_its_coordinates(name):
     dynamics = Dynamics(load_robot(name))
@@ -70,6 +72,7 @@ def test_platform_pose_agrees_with_its_coordinates(name):
         np.testing.assert_allclose(poses, stand @ expected, rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_number_of_motors_is_the_mobility(name):
     dynamics = Dynamics(load_robot(name))
@@ -85,6 +88,7 @@ def test_number_of_motors_is_the_mobility(name):
         assert np.linalg.cond(rates[np.ix_(motors, numbers)]) < 1e3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARALLEL)
 def test_both_models_agree_with_multipliers_on_maximal_coordinates(name):
     robot = load_robot(name)
@@ -153,6 +157,7 @@ def test_bars_of_the_delta_have_the_distance_from_elbow_to_platform(name):
         np.testing.assert_allclose(np.sqrt(ahead**2 + aside**2 + (z + 0.42 * np.sin(arm)) ** 2), 1.055, rtol=1e-13)
 
 
+@pytest.mark.slow
 def test_orthoglide_agrees_with_its_source():
     """Motor positions in closed form; velocity factors of the platform from 0.5 to 2 in the cube, 2 at two corners."""
     dynamics = Dynamics(load_robot("orthoglide"))

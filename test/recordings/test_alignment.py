@@ -90,6 +90,7 @@ def test_resampling_fills_in_nothing_across_a_gap():
     assert np.array_equal(concatenate(segments), MOTION.q[(MOTION.times <= 4) | (MOTION.times >= 6)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", [20_000, 157, 5, 1])
 @pytest.mark.parametrize("size", [1, 2, 3, 4])
 def test_resampling_skips_pieces_too_short_for_a_spline_for_chunks_of_any_size(monkeypatch, chunk, size):
@@ -114,6 +115,7 @@ def test_resampling_skips_pieces_too_short_for_a_spline_for_chunks_of_any_size(m
         assert np.abs(concatenate(middle) - expected[: sum(map(len, middle))]).max() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk", [20_000, 20, 1])
 @pytest.mark.parametrize("kind", ["random", "pairs", "pieces"])
 def test_resampling_of_uneven_stamps_gives_the_motion_and_accounts_for_each_sample(monkeypatch, kind, chunk):

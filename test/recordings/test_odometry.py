@@ -44,6 +44,7 @@ def bags(tmp_path_factory):
     return [write_bag(folder / f"flight_{seed}", flight(seed)) for seed in (1, 2)]
 
 
+@pytest.mark.slow
 def test_check_of_a_flying_arm_passes_with_its_model(bags):
     recording = open_recording(bags[0], direct_drives(NAMES), base=BASE)
     result = check(recording, DYNAMICS, load_tolerances())
@@ -53,6 +54,7 @@ def test_check_of_a_flying_arm_passes_with_its_model(bags):
     assert max(normalised) < 0.02
 
 
+@pytest.mark.slow
 def test_quaternions_with_changing_sign_give_the_same_check(bags, tmp_path):
     pairs = flight(1, 6.0)
     for number, (topic, odometry_message) in enumerate(pairs):
@@ -67,6 +69,7 @@ def test_quaternions_with_changing_sign_give_the_same_check(bags, tmp_path):
     assert rms[0] == pytest.approx(rms[1], rel=1e-9) and checks[0].passed
 
 
+@pytest.mark.slow
 def test_commands_check_and_identify_a_flying_arm(bags, tmp_path, capsys):
     """The first description has a gripper that the robot does not have, so that the check fails."""
     wrong, fitted, drives = (str(tmp_path / name) for name in ("wrong.yaml", "fitted.yaml", "drives.yaml"))
@@ -81,6 +84,7 @@ def test_commands_check_and_identify_a_flying_arm(bags, tmp_path, capsys):
     assert main(["replay-check", paths[1], "--robot", wrong, "--topic", "/odom", "--topic", "/joint_states"]) == 3
 
 
+@pytest.mark.slow
 def test_base_parameters_of_joint_efforts_exclude_the_inertia_of_the_base():
     """The inertia of the flying body is in no row of the joints."""
     columns, whole = build_identification_model(DYNAMICS, direct_drives(NAMES)), compute_base_parameters(DYNAMICS)

@@ -18,6 +18,7 @@ def efforts(state):
     return STIFFNESS * (reference - state.positions) - 0.3 * STIFFNESS * state.velocities
 
 
+@pytest.mark.slow
 def test_momentum_is_conserved_through_a_minute_of_motion():
     simulation, peer = flying(step=0.002)
     simulation.start(velocities=VELOCITIES, base=Base(twist=TWIST))
@@ -58,6 +59,7 @@ def test_momentum_changes_by_the_weight_alone_in_gravity():
     np.testing.assert_allclose(simulation.momentum().angular, angular_momentum, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.0, 0.5, -1.0)])
 def test_base_motion_is_that_of_pinocchio(gravity):
     simulation, peer = flying(gravity, step=0.0025)
@@ -79,6 +81,7 @@ def test_base_motion_is_that_of_pinocchio(gravity):
         np.testing.assert_allclose(actual, expected, atol=1e-6, err_msg=name)
 
 
+@pytest.mark.slow
 def test_energy_of_an_unforced_arm_is_conserved_for_a_minute():
     simulation = Simulation(load_robot("panda"))
     peer = peer_of("panda", simulation.joint_names)

@@ -46,6 +46,7 @@ def test_viscous_friction_too_strong_for_explicit_steps_still_damps():
     assert state.velocities[0] == pytest.approx(0.5, rel=1e-5)  # effort / Fv
 
 
+@pytest.mark.slow
 def test_pendulum_with_dry_friction_stops_at_an_angle_of_static_equilibrium():
     urdf = flywheel(dry=0.8).replace('<axis xyz="0 0 1"/>', '<axis xyz="0 1 0"/>')
     urdf = urdf.replace('<mass value="1"/>', '<origin xyz="0 0 -0.4"/><mass value="1"/>')

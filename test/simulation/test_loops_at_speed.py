@@ -53,6 +53,7 @@ def parallelogram(crank=0.2, ground=0.4):
     return FourBar(crank, ground, crank, ground, bars, gravity=np.zeros(3))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [6.0, -6.0, 0.7, 60.0])
 def test_parallelogram_stays_on_its_branch_through_flat_positions(speed):
     robot = parallelogram().robot(1.0)
@@ -95,6 +96,7 @@ def test_parallelogram_at_rest_in_its_flat_position_is_refused():
         simulation.advance()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sr400", "irb460"])
 def test_robots_with_parallelograms_that_fall_from_rest_conserve_energy(name):
     simulation = Simulation(frictionless(name))
@@ -141,6 +143,7 @@ def test_random_five_bars_conserve_energy(seed):
     check_energy_and_closure(simulation, SECONDS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LOOPED)
 def test_shipped_robots_with_loops_conserve_energy(name):
     rng = np.random.default_rng([len(name), 79])
@@ -151,6 +154,7 @@ def test_shipped_robots_with_loops_conserve_energy(name):
     print(f"{name}: {check_energy_and_closure(simulation, seconds):.2g} of the largest kinetic energy")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "friction", [JointProperties(), JointProperties(coulomb_friction=0.02, viscous_friction=0.003)]
 )
@@ -225,6 +229,7 @@ def test_accelerations_in_other_coordinates_are_those_of_the_direct_model():
     np.testing.assert_allclose(joints, expected, rtol=1e-9, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_platform_tumbles_through_pitch_90_degrees():
     """Rates of yaw and roll do not exist there; the legs pass singular positions as well."""
     robot = replace(frictionless("gough_stewart"), gravity=np.zeros(3))
@@ -239,6 +244,7 @@ def test_platform_tumbles_through_pitch_90_degrees():
     assert axis < 0  # it has tumbled over: yaw and roll have jumped by nearly half a turn
 
 
+@pytest.mark.slow
 def test_platform_at_pitch_90_degrees_moves_as_in_another_frame():
     robot = replace(frictionless("gough_stewart"), gravity=np.zeros(3))
     turned = np.eye(4)

@@ -34,6 +34,7 @@ def arm(tmp_path, damping, step=1e-3):
     return simulation
 
 
+@pytest.mark.slow
 def test_strong_damper_is_integrated_in_parts_with_a_warning(tmp_path, caplog):
     """Overdamped, the deflection decays with k/c: the inertia does not matter."""
     simulation = arm(tmp_path, damping=20.0)
@@ -44,6 +45,7 @@ def test_strong_damper_is_integrated_in_parts_with_a_warning(tmp_path, caplog):
     assert len(messages) == 1 and "'stiff'" in messages[0] and "0.001 s" in messages[0]
 
 
+@pytest.mark.slow
 def test_stiff_spring_conserves_energy_and_momentum_in_parts(tmp_path):
     simulation = arm(tmp_path, damping=0.0, step=5e-3)
     start = sum(simulation.energy())

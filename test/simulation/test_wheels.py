@@ -55,6 +55,7 @@ def contact_velocities(simulation):
     return np.array(wheel_velocities)
 
 
+@pytest.mark.slow
 def test_steered_wheel_does_not_slip_and_conserves_energy():
     simulation = Simulation(load_robot(tricycle()), wheels=TRICYCLE, step=0.004)
     names = simulation.joint_names
@@ -75,6 +76,7 @@ def test_steered_wheel_does_not_slip_and_conserves_energy():
     np.testing.assert_allclose(state.pose[2], [0, 0, 1, 0], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_driven_real_robot_reaches_the_reference_twist():
     urdf = (ROBOTS / "tiago_description/robots/tiago_no_hand.urdf").read_text()
     robot = load_robot(urdf, gravity=[0, 0, 0])  # nothing holds its arms up

@@ -138,6 +138,7 @@ def test_generated_c_agrees_for_models_of_the_panda(tmp_path, form, number):
         same(from_c, from_python if len(program.outputs) > 1 else [from_python])
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(programs(), st.lists(st.lists(NUMBERS, min_size=7, max_size=7), min_size=10, max_size=10))
 def test_random_programs_agree_with_their_statements(program, samples):
@@ -174,6 +175,7 @@ def test_names_do_not_become_code(tmp_path, name):
         assert "injected" in name or "injected" not in bare
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", [*COMPILERS[1:], *CPP_COMPILERS])
 def test_generated_c_compiles_without_warnings(tmp_path, compiler):
     language = ["-x", "c++"] if "++" in Path(compiler).name else ["-std=c99"]

@@ -66,6 +66,7 @@ def c_code(program, names, folder):
     return call
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_generated_python_and_c_agree_with_the_recursions(name, tmp_path):

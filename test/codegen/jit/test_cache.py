@@ -160,6 +160,7 @@ def test_old_files_are_removed(folder, monkeypatch):
     assert llvm_cache.load("29") == b"image"
 
 
+@pytest.mark.slow
 def test_processes_that_compile_at_once_agree(folder):
     root = Path(llvm_cache.__file__).parents[3]
     environment = {**os.environ, "ROBOT_DYNAMICS_CACHE": str(folder), "PYTHONPATH": str(root)}

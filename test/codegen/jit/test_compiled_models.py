@@ -84,11 +84,13 @@ def _check_single_body(robot, core, samples, seed, tolerance):
         assert error(actual, expected.base_acceleration[k]) < tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHIPPED)
 def test_compiled_models_of_shipped_robots_agree_with_the_recursions(name):
     check(load_robot(name), 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("name", ["panda", "kinova", "allegro", "tiago_pro", "anymal_c", "hector"])
 def test_compiled_models_of_real_robots_agree_with_the_recursions(name, moving_base):
@@ -162,6 +164,7 @@ joints:
             fast.direct([0.1, 0.2], [0, 0], [1, 1])
 
 
+@pytest.mark.slow
 def test_no_call_returns_results_for_an_earlier_payload():
     """Programs belong to the robot with its payload; the recursions compute until they are compiled."""
     robot = load_robot("panda")
@@ -198,6 +201,7 @@ def test_calls_from_many_threads_return_during_compilation():
     assert len(fast._programs.ready_keys) == 1
 
 
+@pytest.mark.slow
 def test_without_llvmlite_models_run_as_python_with_one_warning():
     program = """
 import logging, sys

@@ -157,6 +157,7 @@ special = st.sampled_from([0.0, -0.0, 1.0, -1.0, 1e-310, 1e200, 1e10, np.inf, -n
 entries = st.one_of(st.floats(-10, 10), st.floats(-10, 10), special)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(instructions, st.lists(st.lists(entries, min_size=8, max_size=8), min_size=1, max_size=11), st.floats(0.5, 3))
 def test_compiled_random_programs_agree_with_python(instructions, samples, mass):

@@ -317,6 +317,7 @@ non_arrays = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=2000, deadline=None)
 @given(st.lists(st.one_of(arrays(), non_arrays), max_size=6))
 def test_random_arguments_do_not_crash_evaluate(evaluate, arguments):

@@ -67,6 +67,7 @@ FLYING = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FLYING)
 def test_all_models_are_loaded_with_their_shapes(traces, kind):
     robot = FLYING[kind]()
@@ -168,6 +169,7 @@ print(Dynamics(load_robot("ur5e")).compile("inverse").evaluate(*np.ones((3, 6)))
 """
 
 
+@pytest.mark.slow
 def test_changed_recursion_does_not_load_an_old_program(tmp_path, folder):
     root = tmp_path / "changed"
     package = root / "robot_dynamics"

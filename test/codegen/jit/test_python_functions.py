@@ -89,6 +89,7 @@ def panda(request):
     return robot if request.param == "as described" else group_inertial_parameters(robot)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=150)
 @given(programs(), st.lists(NUMBERS, min_size=7, max_size=7))
 def test_random_programs_agree_with_their_statements(program, numbers):
@@ -109,6 +110,7 @@ def run_setup(setup, program, parameters):
     return setup(**dict(zip(keywords, (parameters[name] for name in program.parameters), strict=True)))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=80)
 @given(programs(), st.lists(st.lists(NUMBERS, min_size=5, max_size=5), min_size=1, max_size=9))
 def test_batches_of_random_programs_agree_with_their_statements(program, rows):
@@ -122,6 +124,7 @@ def test_batches_of_random_programs_agree_with_their_statements(program, rows):
         np.testing.assert_allclose(output.reshape(flat.shape), flat, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", range(3))
 def test_models_of_the_panda_agree_in_every_form(panda, number):
     program = panda_programs(panda)[number]
@@ -242,6 +245,7 @@ def test_batches_run_in_blocks_and_refuse_other_shapes(monkeypatch):
             batch(*wrong)
 
 
+@pytest.mark.slow
 def test_twenty_thousand_statements_compile_in_reasonable_time():
     trace = Trace()
     x = list(trace.input("x", 10))

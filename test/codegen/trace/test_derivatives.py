@@ -36,6 +36,7 @@ def differences(program, arrays, weights):
     return gradients
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_gradient_agrees_with_finite_differences(name):
     program, rng = PROGRAMS[name](), np.random.default_rng(0)

@@ -121,17 +121,20 @@ def check_terms(robot, trace, dynamics, states, samples, tolerance):
         assert error(np.array(pose(q)).reshape(4, 4), expected) < tolerance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_models_of_shipped_robots_agree_with_the_recursions(name):
     check(shipped_robot(name), seed=2, trace=partial(shipped_program, name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("name", ["panda", "baxter", "hyq", "z1"])
 def test_models_of_real_robots_agree_with_the_recursions(name, moving_base):
     check(with_drives(read_urdf(real_urdf(name), moving_base=moving_base), 2), seed=3, samples=2, tolerance=1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(30))
 def test_models_of_random_trees_with_elastic_and_passive_joints_agree_with_the_recursions(seed):
     robot = read_urdf(random_urdf(seed, joints=1 + seed % 8), moving_base=bool(seed % 3 == 0))

@@ -92,17 +92,20 @@ def check_conversions(urdf, moving_base, seed):
             assert (same.viscous_friction, same.coulomb_friction) == (joint.viscous_friction, joint.coulomb_friction)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moving_base", [False, True], ids=["fixed", "moving"])
 @pytest.mark.parametrize("name", REAL_ROBOTS)
 def test_real_robot_is_unchanged_as_a_table_and_as_a_urdf(name, moving_base):
     check_conversions(real_urdf(name), moving_base, seed=3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(TREES))
 def test_random_tree_is_unchanged_as_a_table_and_as_a_urdf(seed):
     check_conversions(random_urdf(seed), bool(seed % 2), seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(TREES))
 def test_tree_with_nearly_parallel_axes_is_unchanged_as_a_table_and_as_a_urdf(seed):
     check_conversions(misaligned_urdf(seed), bool(seed % 2), seed)
@@ -122,6 +125,7 @@ def test_serial_links_need_neither_gamma_nor_b(name):
     assert all("gamma" not in mdh and "b:" not in mdh for mdh in simple)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_robots())
 def test_shipped_robot_is_unchanged_by_write_and_read(name):
     robot = load_robot(name)
@@ -164,6 +168,7 @@ def assert_same_loops(actual, expected):
             np.testing.assert_allclose(again.placement, end.placement, rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=300)
 @given(robots())
 def test_robots_are_unchanged_by_write_and_read(robot):

@@ -203,6 +203,7 @@ def mutate(text, rng):
     return content[:at] + bytes([rng.randrange(256)]) + content[at + 1 :]
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", TEXTS)
 def test_mutated_text_is_read_or_refused_with_a_reason(name):

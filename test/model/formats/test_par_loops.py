@@ -228,6 +228,7 @@ def sayable(robot):
     return replace(robot, joints=tuple(joints), loops=tuple(loop for loop in robot.loops if not loop.is_spherical))
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=200)
 @given(robots(st.from_regex("[a-z]{1,3}", fullmatch=True)))
 def test_robots_with_loops_are_unchanged_by_write_and_read(robot):

@@ -100,6 +100,7 @@ def test_roles_are_written():
         same(robot, read_par(write_par(robot)))
 
 
+@pytest.mark.slow
 @given(st.text(min_size=0, max_size=12), st.text(max_size=5))
 @settings(max_examples=200, deadline=None)
 def test_name_is_unchanged_or_refused(tool, name):
@@ -139,6 +140,7 @@ def test_passive_joints_alone_are_refused():
         write_par(small_robot(passive[0], second=passive[1]))
 
 
+@pytest.mark.slow
 def test_a_chain_of_two_thousand_rows_is_read_back():
     joints = [
         Joint(f"j{k}", k, False, placement_from_mdh(MDHParameters(0, 0, 0.1, 0.1, k / 7, 0.3))) for k in range(2000)

@@ -206,6 +206,7 @@ def test_unexpanded_elements_are_ignored_with_a_warning(case, caplog):
     assert [joint.name for joint in robot.joints] == ["j"] and robot.links[1].inertia.mass == 1
 
 
+@pytest.mark.slow
 def test_show_command_lists_ignored_elements(tmp_path):
     path = tmp_path / "left.urdf"
     path.write_text(LEFT_OVER["call of a macro of sensors"][0])

@@ -306,6 +306,7 @@ ANY_TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"], exclude_charac
 NAMES = st.sampled_from(ODD_NAMES) | ANY_TEXT
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(NAMES, NAMES.filter(lambda name: name != "base"), NAMES)
 def test_names_are_unchanged_by_write_and_read(joint, link, robot):
@@ -345,6 +346,7 @@ def test_roll_pitch_yaw_is_exact_near_gimbal_lock_too(roll, pitch, yaw):
     np.testing.assert_allclose(again, rotation, rtol=0, atol=2e-15)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.tuples(ANGLES, ANGLES, ANGLES), st.floats(1e-6, 1e6), st.floats(1e-9, 1e2), st.integers(0, 2**31))
 def test_rotations_and_inertias_are_unchanged_by_write_and_read(angles, mass, length, seed):
