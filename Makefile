@@ -48,7 +48,7 @@ test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
 	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
-quick: venv  ## run the tests that need neither ROS nor patience, in under two minutes
+quick: venv  ## run the tests that need no ROS and are fast, in under two minutes
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not ros" --ignore test/nodes
 
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
@@ -56,7 +56,7 @@ jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt:
 	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal $(REAL_TIME:%=--ignore test/nodes/test_%.py)
 	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(patsubst %,test/nodes/test_%.py,$(filter-out streaming_soak,$(REAL_TIME)))
 
-demo: venv  ## a server asked, and simulated robots moved; writes demo.png, demo_tracking.png and bags
+demo: venv  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags
 	.venv/bin/demo
 
 lint: venv  ## check style, format and types of the Python files

@@ -134,7 +134,10 @@ def table(package: Package) -> str:
             "identifiers with a vague word (told, found, asked, everyone, answer, question)",
             len(package.vague_identifiers()),
         ),
-        ("public functions and methods with types", f"{annotated} of {len(functions)}"),
+        (
+            "public functions and methods with types",
+            "all" if annotated == len(functions) else f"{annotated} of {len(functions)}",
+        ),
         ("public names", len(package.public_names())),
         ("longest chain of imports (modules)", len(chain)),
         ("file names that several folders use", len(package.repeated_file_names())),
