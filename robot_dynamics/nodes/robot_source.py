@@ -43,7 +43,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "robot_description",
         "",
-        "text of a URDF, an MDH table or a .par; comes before robot_file",
+        "text of a URDF, an MDH table or a .par; overrides robot_file",
         read_at="configuration",
     ),
     ParameterSpec(
