@@ -19,9 +19,10 @@ import numpy as np
 from robot_dynamics.array_checks import require_finite
 from robot_dynamics.constraints.assembly_modes import solve_closure
 from robot_dynamics.constraints.branch_tracker import BranchTracker
+from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.constraints.constrained_state import charted_state_at, state_at
 from robot_dynamics.constraints.mobility import NEARLY_CLOSED_RESIDUAL, find_widest_loop
-from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE, newton_step
+from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 

@@ -1,21 +1,19 @@
 """Newton's method for positions that close the loops of a robot, for many samples at once.
 
-The function that evaluates residuals and steps is an argument: `newton_step` of a topology, or a compiled program.
+The function that evaluates residuals and steps is an argument: `closure_step.newton_step`, or a compiled program.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
-from robot_dynamics.constraints.least_squares import factor_bordered, least_squares
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import IntArray, ScalarArray
-    from robot_dynamics.constraints.topology import ConstraintTopology
+    from robot_dynamics.array_types import IntArray
 
 CLOSURE_TOLERANCE = 1e-11
 """Residual [characteristic lengths, rad] at which a loop is closed."""
@@ -34,41 +32,6 @@ StepEvaluator: TypeAlias = Callable[[Array], Sequence[Array]]
 """Evaluates positions t (..., m): residual (..., rows), Newton's step (..., dependent), and further arrays."""
 Advance: TypeAlias = Callable[[Array, Array], Array]
 """Positions (..., m) from positions (..., m) and a step (..., dependent)."""
-
-
-class NewtonStep(NamedTuple):
-    """Newton's method for the loops at positions t (..., m).
-
-    Attributes
-    ----------
-    residual : ndarray, shape (..., rows)
-    step : ndarray, shape (..., dependent)
-        Step of the dependent joints.
-    pivots, squared_norms : ndarray, shape (..., dependent)
-        Those of the BorderedFactors of J_d.
-    determinant_matrix : ndarray, shape (..., dependent, dependent)
-        Rows of J_d whose determinant is positive at the reference positions. It changes its sign at singular positions
-        only.
-    """
-
-    residual: ScalarArray
-    step: ScalarArray
-    pivots: ScalarArray
-    squared_norms: ScalarArray
-    determinant_matrix: ScalarArray
-
-
-def newton_step(topology: ConstraintTopology, t: ScalarArray) -> NewtonStep:
-    """The NewtonStep of the loops of a topology at positions t (..., m)."""
-    rows = topology.determinant_rows
-    assert rows is not None, "a robot without loops has no loop equations"
-    equations = topology.loop_equations_at(t)
-    J = equations.jacobian @ topology.S[:, topology.dependent_columns]
-    factors = factor_bordered(J, topology.jacobian_partition)
-    step = least_squares(factors, -equations.residual[..., None])[..., 0]
-    signs = np.array([topology.determinant_sign] + [1] * (len(rows) - 1))
-    determinant_matrix = J[..., rows, :] * signs[: len(rows), None]
-    return NewtonStep(equations.residual, step, factors.pivots, factors.squared_norms, determinant_matrix)
 
 
 def iterate_newton(

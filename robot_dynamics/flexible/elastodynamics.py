@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from robot_dynamics.newton_euler.kinematics import link_placements
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.codegen.trace.program import OperationCount
-    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.parallel.platform_dynamics import PlatformDynamics
 
 BATCH_SIZE = 20  # samples whose matrices are computed at once: as many as fit the processor cache
 
@@ -45,6 +46,19 @@ class NaturalFrequencies:
     frequencies: Array
     mode_shapes: Array
     coordinates: tuple[str, ...]
+
+
+class RobotGeometry(Protocol):
+    """What `Elastodynamics` takes of a `Dynamics`: the robot, and the positions of all its joints."""
+
+    robot: Robot
+
+    def expand_positions(self, q: ArrayLike) -> Array:
+        """Positions of all joints from those of the independent ones."""
+
+    @property
+    def platform(self) -> PlatformDynamics:
+        """The models in coordinates of the platform."""
 
 
 class Elastodynamics:
@@ -79,7 +93,7 @@ class Elastodynamics:
     Displacements are small, from rest; gravity does not strain the beams. Source: Briot and Khalil.
     """
 
-    def __init__(self, dynamics: Dynamics, held: Iterable[str] | None = None, planar: bool = False) -> None:
+    def __init__(self, dynamics: RobotGeometry, held: Iterable[str] | None = None, planar: bool = False) -> None:
         self._dynamics = dynamics
         self._robot = dynamics.robot
         self.structure = build_structure(self._robot, held, planar)

@@ -20,8 +20,8 @@ from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
-    from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.inputs import ExternalWrenches
+    from robot_dynamics.joint_space.joint_dynamics import JointDynamics
     from robot_dynamics.model.robot import Robot
 
 MAX_ROTATION = 1.0  # of the end of an element [rad]: the model assumes slight bending
@@ -81,7 +81,7 @@ class FlexibleArm:
     Methods raise InvalidInputError where an argument does not fit or the end of an element turns by more than 1 rad.
     """
 
-    def __init__(self, dynamics: Dynamics) -> None:
+    def __init__(self, dynamics: JointDynamics) -> None:
         self._robot = dynamics.robot
         _refuse_unsupported(self._robot)
         self.structure = build_structure(self._robot, held=())

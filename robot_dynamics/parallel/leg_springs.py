@@ -23,8 +23,8 @@ from robot_dynamics.newton_euler.screw import apply
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.inputs import ExternalWrenches
+    from robot_dynamics.joint_space.joint_dynamics import JointDynamics
 
 SINGULAR_TOLERANCE = 1e-9  # smallest singular value of A_UU + A_UR L, relative to its terms
 DISPLACEMENT = 1e-6  # of central differences [rad or m]
@@ -36,7 +36,7 @@ MAX_FINAL_STEP = 1e-8  # a last step above this has not converged [rad or m]
 
 def solve_unactuated_accelerations(
     closure_solver: ClosureSolver,
-    actuated_dynamics: Dynamics,
+    actuated_dynamics: JointDynamics,
     motion: tuple[Array, Array, Array],
     unactuated: Sequence[int],
     external_wrenches: ExternalWrenches | None,
@@ -83,7 +83,7 @@ def solve_unactuated_accelerations(
 
 def solve_unactuated_equilibrium(
     closure_solver: ClosureSolver,
-    actuated_dynamics: Dynamics,
+    actuated_dynamics: JointDynamics,
     q: Array,
     unactuated: Sequence[int],
     external_wrenches: ExternalWrenches | None,

@@ -21,7 +21,7 @@ from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.joint_space.joint_dynamics import JointDynamics
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.robot import Robot
 
@@ -39,7 +39,7 @@ class PlatformClosure:
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        dynamics: JointDynamics,
         platforms: Sequence[Platform],
         make_closure_solver: Callable[[Robot], ClosureSolver],
     ) -> None:
@@ -203,7 +203,7 @@ def _with_independent_platforms(robot: Robot, coordinate_joints: IntArray, free_
 
 
 def _describe_wrong_coordinates(
-    dynamics: Dynamics, links: Sequence[str], coordinate_joints: IntArray, free: Sequence[tuple[str, ...]]
+    dynamics: JointDynamics, links: Sequence[str], coordinate_joints: IntArray, free: Sequence[tuple[str, ...]]
 ) -> str:
     """Return an error message on free coordinates that do not determine the platforms, with those that would.
 

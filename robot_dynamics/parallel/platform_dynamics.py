@@ -27,8 +27,8 @@ from robot_dynamics.parallel.platform_motion import (
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.constraints.closure_solver import ClosureSolver
-    from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.inputs import ExternalWrenches
+    from robot_dynamics.joint_space.joint_dynamics import JointDynamics
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.parallel.platform_arguments import OtherJointInput, PlatformArray, PlatformInput
@@ -101,10 +101,10 @@ class PlatformDynamics(PlatformKinematics):
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        dynamics: JointDynamics,
         platforms: Sequence[Platform],
         make_closure_solver: Callable[[Robot], ClosureSolver],
-        make_dynamics: Callable[[Robot], Dynamics],
+        make_dynamics: Callable[[Robot], JointDynamics],
     ) -> None:
         super().__init__(dynamics, platforms, make_closure_solver)
         self._make_dynamics = make_dynamics
@@ -277,7 +277,7 @@ class PlatformDynamics(PlatformKinematics):
         return state.q, qd[..., self._independent], qdd[..., self._independent]
 
     @cached_property
-    def _actuated_dynamics(self) -> Dynamics:
+    def _actuated_dynamics(self) -> JointDynamics:
         """The Dynamics of the same robot with a motor at each unactuated joint too."""
         robot = self._dynamics.robot
         numbers = {self._independent[column] for column in self._unactuated}

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.constrained_state import ConstrainedState
-    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.joint_space.joint_dynamics import JointDynamics
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.parallel.platform_arguments import (
@@ -41,7 +41,7 @@ class PlatformKinematics:
 
     def __init__(
         self,
-        dynamics: Dynamics,
+        dynamics: JointDynamics,
         platforms: Sequence[Platform],
         make_closure_solver: Callable[[Robot], ClosureSolver],
     ) -> None:

@@ -9,7 +9,8 @@ from peers.random_loops import random_loops
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
 from robot_dynamics.constraints.closure_solver import ClosureSolver
-from robot_dynamics.constraints.newton_iteration import iterate_newton, newton_step
+from robot_dynamics.constraints.closure_step import newton_step
+from robot_dynamics.constraints.newton_iteration import iterate_newton
 from robot_dynamics.constraints.topology import build_topology
 
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]

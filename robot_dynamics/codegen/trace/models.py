@@ -23,7 +23,7 @@ from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.charted_regressor import independent_regressor
-from robot_dynamics.constraints.newton_iteration import newton_step
+from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.newton_euler import composite
 from robot_dynamics.newton_euler.friction import friction
 from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
