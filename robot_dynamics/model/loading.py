@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.decoding import UTF16_MARKS, read_file_bytes
+from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, UTF16_MARKS, read_file_bytes
 from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
 from robot_dynamics.model.formats.par.reader import read_par
-from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 if TYPE_CHECKING:

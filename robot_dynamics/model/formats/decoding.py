@@ -4,6 +4,9 @@ from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError
 
+MAX_DESCRIPTION_LENGTH = 10 * 1024 * 1024
+"""Most characters of a description; the largest real ones have half a million."""
+
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
 

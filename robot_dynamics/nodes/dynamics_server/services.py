@@ -6,7 +6,6 @@ links.
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -17,7 +16,7 @@ from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.nodes.codecs.base import read_base, read_base_point, write_base
-from robot_dynamics.nodes.codecs.fields import require_empty, to_nanoseconds
+from robot_dynamics.nodes.codecs.fields import require_empty, to_float_array, to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import read_pose
 from robot_dynamics.nodes.codecs.joint_order import match_joints
 from robot_dynamics.nodes.codecs.joint_trajectories import (
@@ -111,9 +110,9 @@ def handle_natural_frequencies(
         pose = read_pose(request.platform, "platform")
     elastodynamics = Elastodynamics(dynamics, list(request.held)) if request.held else dynamics.elastodynamics
     modes = elastodynamics.natural_frequencies(q=positions, pose=pose, count=request.count or None)
-    response.frequencies = _float_array(modes.frequencies)
+    response.frequencies = to_float_array(modes.frequencies)
     response.coordinates = list(modes.coordinates)
-    response.mode_shapes = _float_array(modes.mode_shapes)
+    response.mode_shapes = to_float_array(modes.mode_shapes)
     response.success = True
 
 
@@ -140,11 +139,11 @@ def handle_dynamics_terms(
         friction = np.concatenate([np.zeros(6), friction])
         elasticity = np.concatenate([np.zeros(6), elasticity])
     response.joint_names = names
-    response.inertia_matrix = _float_array(dynamics.inertia_matrix(q)[np.ix_(rows, rows)])
-    response.coriolis = _float_array(dynamics.coriolis(q, qd, base=base)[rows])
-    response.gravity = _float_array(dynamics.gravity(q, base=base)[rows])
-    response.friction = _float_array(friction[rows])
-    response.elasticity = _float_array(elasticity[rows])
+    response.inertia_matrix = to_float_array(dynamics.inertia_matrix(q)[np.ix_(rows, rows)])
+    response.coriolis = to_float_array(dynamics.coriolis(q, qd, base=base)[rows])
+    response.gravity = to_float_array(dynamics.gravity(q, base=base)[rows])
+    response.friction = to_float_array(friction[rows])
+    response.elasticity = to_float_array(elasticity[rows])
     response.success = True
 
 
@@ -251,8 +250,3 @@ def _point_times(points: Sequence[JointTrajectoryPoint], empty_fields: Sequence[
         for field in empty_fields:
             require_empty(point, field, f"points[{number}]", reason)
     return [to_nanoseconds(point.time_from_start) for point in points]
-
-
-def _float_array(values: Array) -> array[float]:
-    """Return values, row by row, in the type that messages hold without a copy."""
-    return array("d", np.ascontiguousarray(values).tobytes())

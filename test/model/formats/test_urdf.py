@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from peers.real_robots import real_urdf
 
 from robot_dynamics import DescriptionError, RobotDynamicsError, load_robot
-from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
+from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.decoding import read_file_bytes
+from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, read_file_bytes
 from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
 from robot_dynamics.model.formats.mdh_yaml.joints import find_role_conflict, read_spring
 from robot_dynamics.model.formats.mdh_yaml.loops import list_loops, read_loops
-from robot_dynamics.model.formats.urdf.document import MAX_DESCRIPTION_LENGTH
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint

@@ -11,11 +11,10 @@ from typing import TypeAlias
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.decoding import decode_text
+from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, decode_text
 
 logger = logging.getLogger(__name__)
 
-MAX_DESCRIPTION_LENGTH = 10 * 1024 * 1024  # characters; the largest real descriptions have half a million
 
 # elements that the dynamics use; all others (shapes, colours, controllers, simulators) are removed unread
 USED_ELEMENTS = {
