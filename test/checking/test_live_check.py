@@ -212,6 +212,7 @@ def test_live_check_drops_rows_that_raise_an_error(monkeypatch):
     ],
 )
 def test_live_check_of_real_robots_reports_the_joints_out_of_tolerance(robot, bag, reversed_joint, expected):
+    pytest.importorskip("rosbags", reason="rosbags, which reads bags, is not installed")
     dynamics, failed = Dynamics(load_robot(robot)), set()
     drives = direct_drives(dynamics.joint_names)
     recording = open_recording(REAL_DATA / bag, drives)
