@@ -14,6 +14,7 @@ from robot_dynamics.recordings.bags import Bag
 from robot_dynamics.recordings.drives import direct_drives
 from robot_dynamics.recordings.recording import open_recording
 
+pytest.importorskip("rosbags", reason="rosbags, which reads bags, is not installed")
 pytestmark = pytest.mark.skipif(not REAL_DATA.is_dir(), reason=f"no real data in {REAL_DATA}")
 UR10 = REAL_DATA / "ur10"
 FACTOR = 1.2

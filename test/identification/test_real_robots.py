@@ -44,6 +44,7 @@ class Robot:
 
 @pytest.fixture(scope="module")
 def ur10():
+    pytest.importorskip("rosbags", reason="rosbags, which reads bags, is not installed")
     return Robot("ur10/ur10.urdf", "ur10/ur10_unisa_mcap", None, 8.0)
 
 
