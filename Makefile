@@ -26,7 +26,7 @@ REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator read
 REAL_TIME += streaming_faults streaming_interruptions streaming_soak
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
-# Fewer of what is random: here it is the packages that differ.
+# Fewer of what is random, and nothing slow: here it is the packages that differ.
 jazzy: export MUTATIONS := 300
 jazzy: export RANDOM_TREES := 30
 jazzy: export SIMULATED_SECONDS := 0.7
@@ -49,11 +49,11 @@ test: venv  ## run the tests
 	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
 quick: venv  ## run the tests that need no ROS and are fast, in under two minutes
-	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not ros" --ignore test/nodes
+	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not ros and not reference" --ignore test/nodes
 
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
 	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
-	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal $(REAL_TIME:%=--ignore test/nodes/test_%.py)
+	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow" $(REAL_TIME:%=--ignore test/nodes/test_%.py)
 	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(patsubst %,test/nodes/test_%.py,$(filter-out streaming_soak,$(REAL_TIME)))
 
 demo: venv  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags

@@ -21,6 +21,8 @@ from peers.pinocchio_loops import PinocchioLoops
 from peers.random_loops import random_loops, random_placement
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.slow
+
 LINKAGES = {"four_bar": random_four_bar, "five_bar": random_five_bar}
 
 

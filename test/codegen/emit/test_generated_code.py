@@ -17,6 +17,8 @@ from robot_dynamics.codegen.emit.python_source import python_source
 from robot_dynamics.codegen.jit.compiled_models import MODELS
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
+pytestmark = pytest.mark.slow
+
 SAMPLES = 3
 FLAGS = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O0", "-fPIC", "-shared"]
 SANITISE = ["-fsanitize=undefined", "-fno-sanitize-recover=all"]

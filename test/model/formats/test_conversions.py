@@ -21,6 +21,8 @@ from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.loading import load_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
 
+pytestmark = pytest.mark.slow
+
 TOLERANCE = 1e-9
 TREES = int(os.environ.get("RANDOM_TREES", "200"))  # of each kind
 

@@ -11,6 +11,8 @@ import pytest
 from robot_dynamics import RobotDynamicsError, load_robot
 from robot_dynamics.model.loading import read_robot
 
+pytestmark = pytest.mark.slow
+
 MUTATIONS = int(os.environ.get("MUTATIONS", "1500"))  # of each format
 LONGEST = 10  # seconds for one text
 
