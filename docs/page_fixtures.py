@@ -5,6 +5,7 @@ A function makes files in the folder in which the blocks of the page run.
 
 from pathlib import Path
 
+import numpy as np
 from peers.recorded import loaded_panda, messages, panda_motion, write_bag
 
 DURATION = 12.0  # [s]
@@ -18,3 +19,12 @@ def run(folder: Path) -> None:
 def run_loaded(folder: Path) -> None:
     """A bag `run_loaded`: the same motion with 2.5 kg at the flange, which the description does not have."""
     write_bag(folder / "run_loaded", messages(panda_motion(duration=DURATION, model=loaded_panda(2.5))))
+
+
+def nightly_bags(folder: Path) -> None:
+    """Bags of a Panda with friction, and noise on its efforts: three sound days, and `thursday` with 1 kg at the flange."""
+    for seed, day in enumerate(("monday", "tuesday", "wednesday", "thursday")):
+        model = loaded_panda(1.0) if day == "thursday" else None
+        motion = panda_motion(duration=15.0, seed=seed, viscous=0.05, coulomb=0.05, model=model)
+        noise = np.random.default_rng(seed).normal(scale=0.1, size=motion.efforts.shape)
+        write_bag(folder / "bags" / day, messages(motion._replace(efforts=motion.efforts + noise)))
