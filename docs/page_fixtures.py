@@ -22,7 +22,7 @@ def run_loaded(folder: Path) -> None:
 
 
 def nightly_bags(folder: Path) -> None:
-    """Four bags of a Panda with friction and noisy efforts: three sound ones, and `thursday` with 1 kg at the flange."""
+    """Four bags of a Panda with friction and noisy efforts: three sound ones, `thursday` with 1 kg at the flange."""
     for seed, day in enumerate(("monday", "tuesday", "wednesday", "thursday")):
         model = loaded_panda(1.0) if day == "thursday" else None
         motion = panda_motion(duration=15.0, seed=seed, viscous=0.05, coulomb=0.05, model=model)
