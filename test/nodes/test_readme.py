@@ -15,8 +15,8 @@ import pytest
 import yaml
 from geometry_msgs.msg import Twist
 from nodes.controller_probe import ControllerProbe
+from page_runner.messages import fill
 from peers.recorded import loaded_panda, messages, panda_motion, write_bag
-from rosidl_parser.definition import AbstractSequence, NamespacedType
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
@@ -37,23 +37,6 @@ README = (ROOT / "README.md").read_text()
 BASH = re.findall(r"```bash\n(.*?)```", README, re.DOTALL)
 STARTS = "ros2|make|\\.venv|git|rosdep|colcon|source"
 COMMANDS = [command for block in BASH for command in re.split(rf"\n(?={STARTS})", block)]
-
-
-def fill(message, values):
-    """Put nested dicts and lists into a message, as the command line of ROS 2 does."""
-    for field, kind in zip(message.get_fields_and_field_types(), message.SLOT_TYPES, strict=True):
-        if field in values:
-            setattr(message, field, filled(kind, values[field], getattr(message, field)))
-    assert set(values) <= set(message.get_fields_and_field_types()), f"{type(message).__name__} has no such field"
-    return message
-
-
-def filled(kind, value, present):
-    if isinstance(kind, AbstractSequence):
-        return [filled(kind.value_type, item, 0.0) for item in value]
-    if isinstance(kind, NamespacedType):
-        return fill(getattr(importlib.import_module(".".join(kind.namespaces)), kind.name)(), value)
-    return type(present)(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 def words(beginning):

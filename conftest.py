@@ -1,0 +1,19 @@
+"""Collects the pages of the documentation as tests: `pytest docs README.md`. See test/page_runner."""
+
+import pytest
+
+try:
+    from page_runner.collector import PageSybil
+except ModuleNotFoundError as error:  # where only the packages of Ubuntu are installed, no page is tested
+    if error.name != "sybil":
+        raise
+else:
+    pytest_collect_file = PageSybil().pytest()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Items of one page share a namespace: one process of xdist runs them (--dist loadfile or loadgroup)."""
+    for item in items:
+        if item.path.suffix == ".md":
+            item.add_marker(pytest.mark.xdist_group(str(item.path)))
+            item.add_marker(pytest.mark.ros)
