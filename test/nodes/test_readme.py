@@ -160,20 +160,6 @@ def python_of(beginning):
     return block
 
 
-def test_command_line_has_help_and_refuses_unknown_arguments():
-    command = [sys.executable, "-m", "robot_dynamics.nodes.dynamics_server"]
-    helped = subprocess.run([*command, "--help"], capture_output=True, text=True, timeout=180)
-    assert helped.returncode == 0 and "robot_file:=panda" in helped.stdout
-    for wrong in (["panda"], ["-p", "robot_file:=panda"], ["--ros-args", "-p", "robot_file"]):
-        refused = subprocess.run([*command, *wrong], capture_output=True, text=True, timeout=180)
-        assert refused.returncode != 0 and wrong[-1] in refused.stderr and "Traceback" not in refused.stderr
-    for node, wrong in (("computed_torque", "kp:=[-5.0]"), ("mobile_base_simulator", "step:=-0.1")):
-        command = [sys.executable, "-m", f"robot_dynamics.nodes.{node}", "--ros-args", "-p", wrong]
-        refused = subprocess.run(command, capture_output=True, text=True, timeout=180)
-        assert refused.returncode == 1 and f"parameter {wrong.split(':')[0]} is" in refused.stderr
-        assert "Traceback" not in refused.stderr
-
-
 def test_table_of_parameters_is_that_of_the_node():
     rows = dict(re.findall(r"^\| `([a-z_.]+)` \| (.*?)\|", README.split("## Parameters")[1], re.MULTILINE))
     assert list(rows) == list(PARAMETERS)
@@ -209,23 +195,6 @@ def test_table_of_parameters_of_computed_torque_is_that_of_the_node():
     assert list(rows) == list(CONTROL_PARAMETERS)
     for name, told in rows.items():
         assert (yaml.safe_load(told.strip(" `")) if told.strip() else "") == CONTROL_PARAMETERS[name].default, name
-
-
-def test_make_targets_of_the_readme_exist_and_run_in_ci():
-    makefile, ci = (ROOT / "Makefile").read_text(), (ROOT / ".ci" / "run").read_text()
-    for target in set(re.findall(r"(?:^|`)make ([a-z]+)", README, re.MULTILINE)):
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
-    for target in ("demo", "test", "lint", "colcon"):
-        assert f"make {target}" in ci, target
-
-
-def test_real_time_tests_are_listed_in_the_makefile():
-    """`make jazzy` runs the tests that REAL_TIME lists by themselves."""
-    lines = re.findall(r"^REAL_TIME \+?= (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
-    listed, folder = " ".join(lines).split(), ROOT / "test" / "nodes"
-    assert all((folder / f"test_{name}.py").is_file() for name in listed)
-    streaming = {path.stem.removeprefix("test_") for path in folder.glob("test_streaming_*.py")}
-    assert len(streaming) >= 3 and streaming <= set(listed)
 
 
 def test_excite_takes_as_long_in_the_readme_as_in_its_help():
