@@ -22,7 +22,7 @@ test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
 test jazzy: export OMP_NUM_THREADS := 1
 # Tests of nodes in real time, which must not wait for a core. The soak is of what a long time brings: it is left out.
-REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator readme replay_check
+REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator replay_check
 REAL_TIME += streaming_faults streaming_interruptions streaming_soak
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
@@ -46,6 +46,7 @@ venv:  ## make or bring up to date .venv for tests: ROS 2 Jazzy, this project, a
 
 test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
+	.venv/bin/python -m pytest -n 2 --dist loadfile docs README.md  # their code blocks; those of a page in one process
 	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
 quick: venv  ## run the tests that need no ROS and are fast, in under two minutes

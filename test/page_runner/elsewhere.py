@@ -43,6 +43,7 @@ ELSEWHERE = (
     Elsewhere(r"(PIP_BREAK_SYSTEM_PACKAGES=1 )?rosdep .*", reason=INSTALLATION),
     Elsewhere(r"(sudo )?apt(-get)? (install|update).*", reason=INSTALLATION),
     Elsewhere(r"cd \S+", reason="the folder of the reader; all commands of a page run in one folder"),
+    Elsewhere(r"ros2 run controller_manager spawner .*", reason=NO_ROS2_COMMAND),
     Elsewhere(r"xacro .*", reason=NO_ROS2_COMMAND),
     Elsewhere(r"ros2 (bag|control|doctor|interface|pkg) .*", reason=NO_ROS2_COMMAND),
 )

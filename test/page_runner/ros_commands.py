@@ -15,9 +15,11 @@ import rclpy
 import yaml
 from lifecycle_msgs.srv import ChangeState, GetAvailableTransitions, GetState
 from peers.launch_files import started
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
+from rclpy.parameter import get_parameter_value
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
@@ -135,8 +137,10 @@ class RosCommands:
         return output
 
     def _param_set(self, words: list[str]) -> str:
-        node, name, value = words
-        result = self._client.set_parameters(node, {name: yaml.safe_load(value)}, PATIENCE)
+        node, name, text = words
+        parameter = ParameterMessage(name=name, value=get_parameter_value(text))
+        request = SetParameters.Request(parameters=[parameter])
+        (result,) = self._client.call(SetParameters, f"{node}/set_parameters", request, PATIENCE).results
         if not result.successful:
             raise RefusalError(f"Setting parameter failed: {result.reason}\n")
         return "Set parameter successful\n"
