@@ -54,6 +54,7 @@ nb_execution_timeout = 120
 nb_merge_streams = True
 
 # Reference of the library
+toc_object_entries_show_parents = "hide"
 default_role = "py:known"  # `inverse` in a docstring links where such a name is documented (extensions/api_names.py)
 add_module_names = False
 autodoc_member_order = "bysource"

@@ -26,8 +26,8 @@ HELP_WIDTH = 88
 NO_COMMENT = {"success": ["Whether the request could be computed."]}
 """Fields without a comment in the .srv files."""
 OPTION = re.compile(r"(?<![\w`-])(--[a-z][a-z-]*)")
-IDENTIFIER = re.compile(r"(?<![\w./`])([a-z]\w*[._][\w.]*\w)(?![\w/`])")
-"""A name of a field or file in the text of a comment: it has a dot or an underscore inside."""
+IDENTIFIER = re.compile(r"(?<![\w./`~])(~?/?[a-z]\w*[._][\w.]*\w|~/\w+)(?![\w/`])")
+"""A name of a field, topic or file in a comment: it has a dot or an underscore inside, or begins with ~/."""
 
 
 class MarkdownDirective(SphinxDirective):
@@ -141,11 +141,14 @@ class NodeParametersDirective(MarkdownDirective):
 
         yield from ("| parameter | default | description |", "| --- | --- | --- |")
         for row in markdown_table(NODES[self.arguments[0]]).splitlines()[2:]:
-            name, default, _unit, bounds, read_at, description = re.split(
-                r"(?<!\\)\|", row.strip("| \n").replace(" |", "|")
-            )
-            notes = [f"Range: {bounds.strip()}." if bounds.strip() else "", f"Read at {read_at.strip()}."]
-            yield f"| {name} | {default} | {escape_markdown(description.strip())}. {' '.join(notes).strip()} |"
+            cells = re.split(r"(?<!\\)\|", row.strip().strip("|"))
+            name, default, _unit, bounds, read_at, description = (cell.strip() for cell in cells)
+            text = f"{escape_markdown(description.replace('^2', '²'))}."
+            if bounds and not all(choice in description for choice in bounds.strip("`").split("`, `")):
+                text += f" Range: {bounds}."
+            if read_at != "runtime":
+                text += f" Read at {read_at}."
+            yield f"| {name} | {default or 'empty'} | {text} |"
 
 
 class CommandLineDirective(MarkdownDirective):
@@ -287,8 +290,21 @@ class RobotNotesDirective(MarkdownDirective):
     def lines(self) -> Iterator[str]:
         """A section for each robot."""
         for path in self.sources():
-            yield from (f"### {path.stem}", "", f"File `{path.name}`:", "", "```none")
-            yield from (header_comment(path), "```", "")
+            yield from (f"### {path.stem}", "", f"File `{path.name}`.", "")
+            comment = header_comment(path)
+            if path.suffix == ".urdf":  # lists and references in columns
+                yield from ("```none", comment, "```", "")
+            else:
+                yield from (*format_prose(comment), "")
+
+
+def format_prose(text: str) -> Iterator[str]:
+    """Return a comment as paragraphs of Markdown: a line that ends with a full stop ends a paragraph."""
+    lines = text.splitlines()
+    for line, next_line in zip(lines, [*lines[1:], ""], strict=True):
+        yield from format_comment([line])
+        if line.endswith(".") and next_line[:1].isupper():
+            yield ""
 
 
 def header_comment(path: Path) -> str:
