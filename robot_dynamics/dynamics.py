@@ -117,8 +117,8 @@ class Dynamics(JointDynamics):
     ) -> CompiledProgram | PythonProgram:
         """Return the compiled program of a model; compile it now if it does not exist yet.
 
-        The program is the fastest way to compute a model from Python. `codegen.trace.models` documents the inputs and
-        outputs of each model.
+        The program is the fastest way to compute a model from Python. Its attribute ``interface`` has the names and
+        sizes of its inputs and outputs.
 
         Parameters
         ----------

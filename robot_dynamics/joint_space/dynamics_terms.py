@@ -155,8 +155,8 @@ class DynamicsTerms(JointCoordinates):
         Notes
         -----
         The links between yaw, pitch and roll of a platform have no body. Their columns, and those of these three
-        joints, are the effect that a body would have. They grow with 1/cos² of pitch and are zero where |cos pitch| is
-        below 1e-12.
+        joints, are the effect that a body would have. They grow with 1/cos² of pitch and are zero where the cosine of
+        pitch is below 1e-12 in size.
 
         Source: Khalil, section 4, for loops: G^T times the regressor of the tree.
         """

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 class Ground:
     """A level plane in the world that pushes on contact points below it.
 
-    Contact points are the origins of named link frames. The ground exerts on each of them
+    Contact points are the origins of named link frames. The ground exerts on each of them ::
 
         N = max(0, k d - c ḋ⁻),   F = -μ N v / √(|v|² + v_s²)
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.momentum import Momentum
     from robot_dynamics.simulation.rate_constraints import BaseType
     from robot_dynamics.simulation.simulation_state import SimulationState
-    from robot_dynamics.simulation.step_inputs import JointMotion
+    from robot_dynamics.simulation.step_inputs import PrescribedMotion
     from robot_dynamics.simulation.wheels import Wheel
 
 
@@ -214,7 +214,7 @@ class Simulation:
         efforts: ArrayLike | None = None,
         external_wrenches: Mapping[str, ArrayLike] | None = None,
         drive: ArrayLike | None = None,
-        motion: JointMotion | None = None,
+        motion: PrescribedMotion | None = None,
     ) -> SimulationState:
         """Advance by some steps.
 
@@ -268,7 +268,7 @@ class Simulation:
         efforts: ArrayLike | None = None,
         external_wrenches: Mapping[str, ArrayLike] | None = None,
         drive: ArrayLike | None = None,
-        motion: JointMotion | None = None,
+        motion: PrescribedMotion | None = None,
     ) -> tuple[Array, Array]:
         """Accelerations at the present state, without dry friction.
 

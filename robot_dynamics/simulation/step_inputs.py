@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 NO_WRENCH = np.zeros(6)
 
-JointMotion: TypeAlias = Callable[[float], tuple[Array, Array, Array]]
+PrescribedMotion: TypeAlias = Callable[[float], tuple[Array, Array, Array]]
 """Positions, velocities and accelerations (n,) of joints with prescribed motion, at a time [s]."""
 
 
@@ -44,7 +44,7 @@ class StepInputs(NamedTuple):
     efforts: Array
     wrenches: list[Array]
     drive: Array | None
-    motion: JointMotion | None
+    motion: PrescribedMotion | None
     is_undisturbed: bool
 
 
@@ -78,7 +78,7 @@ def build_step_inputs(
     efforts: ArrayLike | None,
     external_wrenches: Mapping[str, ArrayLike] | None,
     drive: ArrayLike | None,
-    motion: JointMotion | None,
+    motion: PrescribedMotion | None,
 ) -> StepInputs:
     """The inputs of Simulation.advance, checked; the plant takes wrenches on their links from now on.
 

@@ -139,10 +139,10 @@ class CompiledProgram:
     interface : Interface
         Name, inputs, outputs and operations of the program.
     evaluate : callable
-        evaluate(*inputs) returns new arrays, a tuple if there are several outputs; evaluate(*inputs, *outputs) writes
-        to the outputs and returns None. Each argument is a C-contiguous buffer of float64 of any shape with as many
-        numbers as the program needs: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs, but
-        not each other. Raises TypeError for arguments of other types, ValueError for a wrong count or layout, or a
+        ``evaluate(*inputs)`` returns new arrays, a tuple if there are several outputs; ``evaluate(*inputs, *outputs)``
+        writes to the outputs and returns None. Each argument is a C-contiguous buffer of float64 of any shape with as
+        many numbers as the program needs: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs,
+        but not each other. Raises TypeError for arguments of other types, ValueError for a wrong count or layout, or a
         read-only output.
 
     Notes
@@ -184,17 +184,17 @@ class CompiledProgram:
 
         Parameters
         ----------
-        *arrays : (N, size) or (size,)
+        arrays : (N, size) or (size,)
             One for each input; (size,) is the same for all samples. At least one has N rows. Arrays that are not
             C-contiguous float64 are copied.
-        out : array or sequence of arrays (N, *shape), optional
+        out : array or sequence of arrays (N, ...), optional
             C-contiguous float64 arrays to write to, one for each output; they may overlap inputs.
         threads : int
             Number of threads that share the work, if there is enough for them. Other Python threads continue to run.
 
         Returns
         -------
-        (N, *shape)
+        ndarray, shape (N, ...)
             A tuple if there are several outputs.
 
         Raises
