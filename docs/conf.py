@@ -26,7 +26,7 @@ extensions = [
     "reference_pages",
 ]
 smartquotes = False
-exclude_patterns = ["extensions", "**/_incoming_*"]
+exclude_patterns = ["extensions"]
 nitpicky = True
 nitpick_ignore = [
     # types of other packages: a build without a network cannot link to their documentation
@@ -50,7 +50,8 @@ myst_heading_anchors = 3
 nb_execution_mode = "force"
 nb_execution_excludepatterns = ["explanation/*", "how_to/*", "reference/*"]
 nb_execution_raise_on_error = True
-nb_execution_timeout = 120
+nb_execution_timeout = 300
+nb_execution_in_temp = True  # they write files
 nb_merge_streams = True
 
 # Reference of the library

@@ -214,9 +214,9 @@ def install_editable(extras):
 
 
 def install_tests():
-    """What the tests need, and all extras."""
+    """What the tests need, and all extras; some tests build the documentation."""
     install_editable("all")
-    pip_install("-r", REQUIREMENTS / "test.in")
+    pip_install("-r", REQUIREMENTS / "test.in", "-r", REQUIREMENTS / "docs.in")
 
 
 def install_docs():
@@ -270,7 +270,14 @@ INTERFACE_TYPES = Step(
     "interfaces", "compiling robot_dynamics_interfaces", install_interfaces, "robot_dynamics_interfaces"
 )
 PROJECT = Step("project", "installing robot_dynamics and the packages it needs", install_project, *PACKAGE_FILES)
-TESTS = Step("tests", "installing what the tests need (1.3 GB)", install_tests, "requirements/test.in", *PACKAGE_FILES)
+TESTS = Step(
+    "tests",
+    "installing what the tests need",
+    install_tests,
+    "requirements/test.in",
+    "requirements/docs.in",
+    *PACKAGE_FILES,
+)
 DOCS = Step("docs", "installing what the documentation needs", install_docs, "requirements/docs.in", *PACKAGE_FILES)
 COLCON = Step("colcon", "installing colcon", install_colcon, "requirements/colcon.in")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from docutils import nodes
-from docutils.utils.math import MathError, latex2mathml, wrap_math_code
+from docutils.utils.math import MathError, latex2mathml
 from sphinx.util import logging
 
 if TYPE_CHECKING:
@@ -22,9 +22,8 @@ def visit_inline(translator: Any, node: nodes.math) -> None:
 
 def visit_block(translator: Any, node: nodes.math_block) -> None:
     """Write a formula on lines of its own."""
-    latex = wrap_math_code(node.astext(), as_block=True)
     translator.body.append(translator.starttag(node, "div", CLASS="math"))
-    translator.body.append(_to_mathml(node, latex, is_block=True))
+    translator.body.append(_to_mathml(node, node.astext(), is_block=True))
     translator.body.append("</div>\n")
     raise nodes.SkipNode
 

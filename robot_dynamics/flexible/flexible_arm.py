@@ -96,6 +96,9 @@ class FlexibleArm:
             self.structure.coordinates[number] for number in self._elastic
         )
 
+    def __repr__(self) -> str:
+        return f"FlexibleArm({self._robot!r})"
+
     @property
     def stiffness(self) -> Array:
         """(m, m) stiffness matrix K [N/m, N, N m] of the elastic coordinates: K e are the elastic forces."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.errors import DescriptionError
+from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.model.vector_product import skew
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Inertia:
             raise DescriptionError(f"second_moments of an inertia are {J.tolist()}: a symmetric matrix is needed")
 
     @classmethod
-    def about_centre_of_mass(cls, mass: float, inertia: ArrayLike, frame: ScalarArray) -> Inertia:
+    def about_centre_of_mass(cls, mass: float, inertia: ArrayLike, frame: ArrayLike | ScalarArray) -> Inertia:
         """Return an inertia from its values about the centre of mass, as URDF gives them.
 
         Parameters
@@ -91,15 +91,24 @@ class Inertia:
             Mass [kg].
         inertia : (3, 3) array_like
             Inertia matrix about the centre of mass [kg m²], along the axes of frame c.
-        frame : (4, 4) array
-            Placement of frame c, which has its origin at the centre of mass, in the frame of the result.
+        frame : (4, 4) or (3,) array_like
+            Placement of frame c, which has its origin at the centre of mass, in the frame of the result. (3,): the
+            centre of mass [m]; the axes of both frames are parallel.
 
         Returns
         -------
         Inertia
             The inertia about the origin of the frame of the result.
         """
-        return cls(mass, np.zeros(3), inertia).transformed_by(frame)
+        placement = np.asarray(frame)
+        if placement.shape == (3,):
+            centre, placement = placement, np.eye(4)
+            placement[:3, 3] = centre
+        if placement.shape != (4, 4):
+            raise InvalidInputError(
+                f"frame of an inertia has shape {placement.shape}: a placement (4, 4) or a centre (3,) is needed"
+            )
+        return cls(mass, np.zeros(3), inertia).transformed_by(placement)
 
     def transformed_by(self, placement: ScalarArray) -> Inertia:
         """Return the inertia of the same body about another frame.

@@ -11,9 +11,23 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from robot_dynamics.errors import InvalidInputError
+
 # A server can receive the first request of a client before it has discovered where the client listens. The middleware
 # then drops the response, so a first request without a response within this time [s] is sent again.
 DISCOVERY_TIME = 2.0
+
+
+def _to_parameter(name: str, value: object) -> Parameter:
+    """Return a parameter; a list with integers and floating-point numbers becomes one of floating-point numbers."""
+    if isinstance(value, list | tuple) and any(isinstance(item, float) for item in value):
+        value = [float(item) if type(item) is int else item for item in value]
+    try:
+        return Parameter(name, value=value)
+    except (TypeError, AttributeError):
+        raise InvalidInputError(
+            f"parameter {name!r} is {value!r:.80}: a bool, a number, a string or a list of one of these is needed"
+        ) from None
 
 
 class ServiceClient:
@@ -78,10 +92,15 @@ class ServiceClient:
     def set_parameters(self, node_name: str, values: dict[str, object], timeout: float = 30.0) -> SetParametersResult:
         """Set parameters {name: value} of a node all at once. The result has the fields `successful` and `reason`.
 
-        Raises TimeoutError as `call`.
+        Raises
+        ------
+        InvalidInputError
+            A value is of a type that no parameter has.
+        TimeoutError
+            As for `call`.
         """
         request = SetParametersAtomically.Request()
-        request.parameters = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        request.parameters = [_to_parameter(name, value).to_parameter_msg() for name, value in values.items()]
         return self.call(SetParametersAtomically, f"{node_name}/set_parameters_atomically", request, timeout).result
 
     def spin(self, seconds: float) -> None:

@@ -109,6 +109,9 @@ class PlatformDynamics(PlatformKinematics):
         super().__init__(dynamics, platforms, make_closure_solver)
         self._make_dynamics = make_dynamics
 
+    def __repr__(self) -> str:
+        return f"PlatformDynamics({self._dynamics.robot!r}, {', '.join(map(repr, self.link_names))})"
+
     def inverse(
         self,
         pose: PlatformInput,

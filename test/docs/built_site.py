@@ -27,7 +27,7 @@ class Site:
     def pages(self) -> dict[str, html.HtmlElement]:
         """Parsed pages of the documents by name, such as `reference/nodes`; pages that Sphinx adds are left out."""
         names = sorted(path.relative_to(DOCS).with_suffix("") for path in DOCS.rglob("*.md"))
-        return {str(name): self.parse(self.folder / f"{name}.html") for name in names if "_incoming_" not in name.name}
+        return {str(name): self.parse(self.folder / f"{name}.html") for name in names}
 
     @staticmethod
     def parse(path: Path) -> html.HtmlElement:

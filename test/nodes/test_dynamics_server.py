@@ -3,6 +3,7 @@
 import threading
 
 import numpy as np
+import pytest
 from nodes.service_requests import (
     PANDA,
     STEP_NS,
@@ -20,7 +21,7 @@ from nodes.service_requests import (
 from peers.real_robots import real_urdf
 from scipy.spatial.transform import Rotation
 
-from robot_dynamics import Base, Dynamics, Inertia, load_robot
+from robot_dynamics import Base, Dynamics, Inertia, InvalidInputError, load_robot
 from robot_dynamics.dynamics import BASE_ROWS
 from robot_dynamics.nodes.client import ServiceClient
 
@@ -205,7 +206,7 @@ def test_payload_changed_at_run_time_shows_in_the_next_response(client, start_se
     np.testing.assert_array_equal(
         field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
     )
-    payload = {"payload.mass": 2.0, "payload.first_moments": [0.02, 0.0, 0.2]}
+    payload = {"payload.mass": 2.0, "payload.first_moments": [0.02, 0, 0.2]}  # an integer among others
     payload["payload.inertia"] = [0.03, 0.001, 0.0, 0.04, -0.002, 0.01]
     assert client.set_parameters(server, payload).successful
     # nothing is carried until a link is named
@@ -261,3 +262,9 @@ def test_requests_are_not_dropped_while_the_robot_is_reloaded(client, start_serv
     assert not faults and not thread.is_alive()
     kinds = [np.array_equal(a, empty) + 2 * np.array_equal(a, heavy) for a in responses]
     assert set(kinds) == {1, 2} and len(responses) >= 20
+
+
+def test_parameter_of_no_parameter_type_is_refused_by_name(client, panda):
+    for value in ([0.0, "x"], {"a": 1}, object()):
+        with pytest.raises(InvalidInputError, match="parameter 'payload.first_moments' is .* is needed"):
+            client.set_parameters(panda, {"payload.first_moments": value})

@@ -162,6 +162,9 @@ class CompiledProgram:
             self._library["evaluate"], self.interface.name, _docstring(self.interface), FunctionOwner(self._library)
         )
 
+    def __repr__(self) -> str:
+        return f"CompiledProgram({', '.join(self.interface.inputs)}: {self.interface.operations})"
+
     @property
     def program(self) -> Program:
         """The Program; traced on first access if the machine code was loaded from the cache."""

@@ -30,6 +30,9 @@ class PythonProgram:
         self._evaluate_sample = python_function(program)
         self._evaluate_batch = python_batch(program)
 
+    def __repr__(self) -> str:
+        return f"PythonProgram({', '.join(self.interface.inputs)}: {self.interface.operations})"
+
     def evaluate(self, *arguments: ArrayLike) -> ProgramResult:
         """The outputs of one sample, as CompiledProgram.evaluate: None where arrays to write to are passed too."""
         count = len(self.program.inputs)
