@@ -266,5 +266,5 @@ def test_requests_are_not_dropped_while_the_robot_is_reloaded(client, start_serv
 
 def test_parameter_of_no_parameter_type_is_refused_by_name(client, panda):
     for value in ([0.0, "x"], {"a": 1}, object()):
-        with pytest.raises(InvalidInputError, match="parameter 'payload.first_moments' is .* is needed"):
+        with pytest.raises(InvalidInputError, match=r"parameter 'payload\.first_moments' is .* is needed"):
             client.set_parameters(panda, {"payload.first_moments": value})
