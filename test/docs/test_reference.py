@@ -4,9 +4,10 @@ import argparse
 import inspect
 import json
 import re
+import sys
 
 import pytest
-from docs.built_site import ROOT
+from docs.built_site import ROOT, build_site, shared_folder
 
 import robot_dynamics
 from robot_dynamics.cli.main import build_parser, verb_modules
@@ -15,6 +16,11 @@ from robot_dynamics.model.formats.mdh_yaml.reader import SCHEMA
 pytestmark = pytest.mark.slow
 
 SERVICE_FILES = sorted((ROOT / "robot_dynamics_interfaces" / "srv").glob("*.srv"))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    return build_site(shared_folder(tmp_path_factory))
 
 
 def test_build_has_no_warnings(site):
@@ -136,3 +142,15 @@ def test_topics_of_nodes_are_listed(site):
     topics = {topic for path in sources if path.parent.name != "demo" for topic in pattern.findall(path.read_text())}
     assert len(topics) > 15
     assert topics <= site.codes("reference/nodes")
+
+
+def test_formulas_are_mathml():
+    pytest.importorskip("sphinx")
+    sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+    try:
+        import mathml
+    finally:
+        sys.path.pop(0)
+    parts = {r"\dot q_i": "<msub><mover", r"\frac{a}{b}": "<mfrac", r"\sum_i^n x": "<munderover"}
+    for latex, tag in parts.items():
+        assert tag in "".join(line.strip() for line in mathml.to_mathml(latex, is_block=False).splitlines()), latex
