@@ -22,7 +22,7 @@ test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
 test jazzy: export OMP_NUM_THREADS := 1
 # Tests of nodes in real time, which must not wait for a core. The soak is of what a long time brings: it is left out.
-REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator readme replay_check
+REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator replay_check
 REAL_TIME += streaming_faults streaming_interruptions streaming_soak
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
@@ -36,16 +36,17 @@ jazzy: export INTERRUPTION_ROUNDS := 2
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test quick jazzy demo lint format lock colcon bench soak clean
+.PHONY: help venv test quick jazzy demo docs lint format lock wheels wheels-test colcon bench soak clean
 
 help:  ## list the targets
-	@sed -nE 's/^([a-z]+):.*## (.*)/  make \1	\2/p' Makefile
+	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1	\2/p' Makefile
 
-venv:  ## make or bring up to date .venv: ROS 2 Jazzy, all other packages, and this project
-	@$(BOOTSTRAP)
+venv:  ## make or bring up to date .venv for tests: ROS 2 Jazzy, this project, and all that the tests need
+	@$(BOOTSTRAP) --tests
 
 test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
+	.venv/bin/python -m pytest -n 2 --dist loadfile docs README.md  # their code blocks; those of a page in one process
 	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
 
 quick: venv  ## run the tests that need no ROS and are fast, in under two minutes
@@ -56,8 +57,14 @@ jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt:
 	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow" $(REAL_TIME:%=--ignore test/nodes/test_%.py)
 	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(patsubst %,test/nodes/test_%.py,$(filter-out streaming_soak,$(REAL_TIME)))
 
-demo: venv  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags
+demo:  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags; .venv gets no test packages
+	@$(BOOTSTRAP)
 	.venv/bin/demo
+
+docs:  ## build the documentation into build/docs, tutorials executed
+	@$(BOOTSTRAP) --docs
+	.venv/bin/python -m sphinx -W --keep-going -n -b html docs build/docs
+	@echo "open build/docs/index.html"
 
 lint: venv  ## check style, format and types of the Python files
 	.venv/bin/ruff check .
@@ -71,7 +78,13 @@ format: venv  ## put the Python files into format
 lock:  ## pin anew the versions in requirements/constraints.txt (needs uv)
 	@sh tools/lock.sh
 
-colcon: venv  ## build both packages as in a ROS workspace, into build/, install/ and log/
+wheels:  ## build both wheels into dist/, the interfaces for each of PYTHONS (default: one Python)
+	@sh tools/build_wheels.sh $(PYTHONS)
+
+wheels-test: venv  ## install both wheels into empty environments, one for each of PYTHONS, and use them there
+	WHEEL_PYTHONS="$(PYTHONS)" .venv/bin/python -m pytest test/packaging
+
+colcon:  ## build both packages as in a ROS workspace, into build/, install/ and log/
 	@$(BOOTSTRAP) --colcon
 	@sh tools/colcon_build.sh
 
@@ -97,6 +110,6 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_control_loop.py
 
 clean:  ## remove all that the other targets made
-	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
+	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build dist install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
 	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
 	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

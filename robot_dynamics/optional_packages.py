@@ -5,24 +5,24 @@ from types import ModuleType
 
 from robot_dynamics.errors import MissingPackageError
 
-# {module: (name for pip, package of Ubuntu 24.04 with a suitable version, or None)}
-INSTALL_SOURCES: dict[str, tuple[str, str | None]] = {
-    "clarabel": ("clarabel", None),
-    "distributed": ("dask[distributed]", None),
-    "jsonschema": ("jsonschema", "python3-jsonschema"),
-    "lark": ("lark", "python3-lark"),
-    "llvmlite": ("llvmlite", None),
-    "lxml": ("lxml", "python3-lxml"),
-    "matplotlib": ("matplotlib", "python3-matplotlib"),
-    "mcap": ("mcap", None),
-    "numpy": ("numpy", "python3-numpy"),
-    "plotly": ("plotly", None),  # the package of Debian and Ubuntu lacks the script that pages need
-    "rosbags": ("rosbags", None),
-    "scipy": ("scipy", "python3-scipy"),
-    "tabulate": ("tabulate", "python3-tabulate"),
-    "tqdm": ("tqdm", "python3-tqdm"),
-    "yaml": ("pyyaml", "python3-yaml"),
-    "yourdfpy": ("yourdfpy", None),
+# {module: (name for pip, package of Ubuntu 24.04 with a suitable version or None, extra of robot_dynamics or None)}
+INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
+    "clarabel": ("clarabel", None, "identify"),
+    "distributed": ("dask[distributed]", None, "fleet"),
+    "jsonschema": ("jsonschema", "python3-jsonschema", None),
+    "lark": ("lark", "python3-lark", None),
+    "llvmlite": ("llvmlite", None, "compiled"),
+    "lxml": ("lxml", "python3-lxml", None),
+    "matplotlib": ("matplotlib", "python3-matplotlib", "plots"),
+    "mcap": ("mcap", None, "bags"),
+    "numpy": ("numpy", "python3-numpy", None),
+    "plotly": ("plotly", None, "plots"),  # the package of Debian and Ubuntu lacks the script that pages need
+    "rosbags": ("rosbags", None, "bags"),
+    "scipy": ("scipy", "python3-scipy", None),
+    "tabulate": ("tabulate", "python3-tabulate", None),
+    "tqdm": ("tqdm", "python3-tqdm", None),
+    "yaml": ("pyyaml", "python3-yaml", None),
+    "yourdfpy": ("yourdfpy", None, None),
 }
 
 
@@ -74,7 +74,9 @@ def missing_package_error(error: ImportError, task: str, package: str | None = N
 
 
 def install_hint(package: str) -> str:
-    """Return the command that installs the package of a module: by pip, and by apt where Ubuntu has it."""
-    pip_name, apt_name = INSTALL_SOURCES.get(package, (package, None))
-    pip_command = f"pip install '{pip_name}'" if "[" in pip_name else f"pip install {pip_name}"
-    return pip_command if apt_name is None else f"{pip_command}, or sudo apt install {apt_name}"
+    """Return the commands that install the package of a module: by pip, and by apt where Ubuntu has it."""
+    pip_name, apt_name, extra = INSTALL_SOURCES.get(package, (package, None, None))
+    hint = f"pip install '{pip_name}'" if "[" in pip_name else f"pip install {pip_name}"
+    if extra is not None:
+        hint += f", part of the extra robot_dynamics[{extra}]"
+    return hint if apt_name is None else f"{hint}, or sudo apt install {apt_name}"

@@ -122,38 +122,44 @@ def test_shipped_robots_are_listed_without_yourdfpy():
         (
             "rosbags",
             ["replay-check", "BAG", "--robot", "rx90"],
-            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags",
+            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags"
+            ", part of the extra robot_dynamics[bags]",
         ),
         (
             "rosbags",
             ["replay-check", "CSV", "--robot", "rx90", "--write-golden", "NEW"],
-            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags",
+            "reading or writing a bag needs rosbags, which is not installed: pip install rosbags"
+            ", part of the extra robot_dynamics[bags]",
         ),
         (
             "plotly",
             ["replay-check", "CSV", "--robot", "rx90", "--report", "NEW.html"],
-            "a report needs plotly, which is not installed: pip install plotly",
+            "a report needs plotly, which is not installed: pip install plotly"
+            ", part of the extra robot_dynamics[plots]",
         ),
         (
             "plotly",
             ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
-            "a picture in HTML needs plotly, which is not installed: pip install plotly",
+            "a picture in HTML needs plotly, which is not installed: pip install plotly"
+            ", part of the extra robot_dynamics[plots]",
         ),
         (
             "clarabel",
             ["identify", "CSV", "--robot", "rx90", "--output", "NEW.yaml"],
-            "computing physically consistent inertias needs clarabel, which is not installed: pip install clarabel",
+            "computing physically consistent inertias needs clarabel, which is not installed: pip install clarabel"
+            ", part of the extra robot_dynamics[identify]",
         ),
         (
             "distributed",
             ["replay-check", "CSV", "--robot", "rx90", "--scheduler", "tcp://localhost:9"],
-            "--scheduler needs distributed, which is not installed: pip install 'dask[distributed]'",
+            "--scheduler needs distributed, which is not installed: pip install 'dask[distributed]'"
+            ", part of the extra robot_dynamics[fleet]",
         ),
         (
             "matplotlib",
             ["map", "gough_stewart", "--over", "x:0:1:3", "--output", "NEW.png"],
-            "robot-dynamics map needs matplotlib, which is not installed: pip install matplotlib, or sudo apt install "
-            "python3-matplotlib",
+            "robot-dynamics map needs matplotlib, which is not installed: pip install matplotlib, part of the extra "
+            "robot_dynamics[plots], or sudo apt install python3-matplotlib",
         ),
     ],
 )

@@ -1,4 +1,4 @@
-"""Structure of the package as docs/structure.md states it: words, types, public names, imports, and file names."""
+"""Structure of the package as docs/explanation/structure.md states it: words, types, names, imports, and files."""
 
 import importlib.util
 import re
@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+EXPLANATION = ROOT / "docs" / "explanation"
 MOST_PUBLIC_NAMES = 40
 LONGEST_CHAIN = 12  # modules of which each imports the next one
 
@@ -48,8 +49,8 @@ def test_file_names_are_unique_but_for_those_that_their_folder_explains(package)
 
 
 def test_layers_import_downwards(package):
-    """Packages in the order of docs/architecture.md: none imports one before it; `nodes` alone imports ROS."""
-    layers = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE)
+    """Packages in the order of architecture.md: none imports one before it; `nodes` alone imports ROS."""
+    layers = re.findall(r"^\| `(\w+)` \|", (EXPLANATION / "architecture.md").read_text(), re.MULTILINE)
     assert set(layers) == {module.split(".")[1] for module in package.trees if "." in module}
     for module in package.trees:
         for target in package.imports(module):
@@ -59,8 +60,8 @@ def test_layers_import_downwards(package):
 
 
 def test_table_of_the_documentation_is_measured(package):
-    """The column `after` of docs/structure.md has the present figures."""
-    rows = re.findall(r"^\| (.+) \| (.+) \| (.+) \|$", (ROOT / "docs" / "structure.md").read_text(), re.MULTILINE)
+    """The column `after` of structure.md has the present figures."""
+    rows = re.findall(r"^\| (.+) \| (.+) \| (.+) \|$", (EXPLANATION / "structure.md").read_text(), re.MULTILINE)
     documented = {name: after for name, _, after in rows}
     measured = re.findall(r"^\| (.+) \| (.+) \|$", structure.table(package), re.MULTILINE)
     assert len(measured) == 5

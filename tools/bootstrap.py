@@ -1,9 +1,12 @@
-"""Makes .venv: ROS 2 Jazzy from wheels, everything else the project needs, and the project itself.
+"""Makes .venv: ROS 2 Jazzy from wheels, the project, and what the targets of the Makefile need.
 
-Run by `make venv` with any Python 3.10 to 3.13; needs nothing but the standard library. With --apt-jazzy it makes
-.venv_apt_jazzy instead, from Python 3.12: the versions that Ubuntu has beside ROS 2 Jazzy. The work is a list of steps.
-What a step was made from is summed up in a fingerprint, kept in .venv/.complete when the step is done: a step is done
-again when its fingerprint, or that of a step before it, is another. When all agree there is nothing to do.
+The Makefile runs it with any Python 3.10 to 3.13; it needs nothing but the standard library. Without options .venv has
+what nodes and the demo need; --tests, --docs and --colcon add the packages of these targets. With --apt-jazzy it makes
+.venv_apt_jazzy instead, from Python 3.12: the versions that Ubuntu has beside ROS 2 Jazzy.
+
+The work is a list of steps. The files that a step depends on are summed up in a fingerprint, which .venv/.complete
+keeps when the step is done. A step runs again when its fingerprint has changed, or when it was interrupted. When all
+fingerprints agree there is nothing to do.
 """
 
 import argparse
@@ -12,12 +15,10 @@ import hashlib
 import json
 import os
 import platform
-import re
 import shutil
 import subprocess
 import sys
 import sysconfig
-import tempfile
 import time
 from pathlib import Path
 
@@ -29,9 +30,8 @@ COMPLETE = VENV / ".complete"
 LOG = VENV / "bootstrap.log"
 LOCK = CHECKOUT / f"{VENV.name}.lock"
 INTERFACES = CHECKOUT / "robot_dynamics_interfaces"
-INSTALLED_INTERFACES = VENV / "installed_interfaces.txt"
-CONSTRAINTS = CHECKOUT / "requirements" / "constraints.txt"
-REQUIREMENTS = CHECKOUT / "requirements" / ("apt_jazzy.txt" if APT_JAZZY else "venv.in")
+REQUIREMENTS = CHECKOUT / "requirements"
+CONSTRAINTS = REQUIREMENTS / "constraints.txt"
 
 # What these wheels of ROS were built for.
 PYTHON_VERSIONS = ((3, 12), (3, 12)) if APT_JAZZY else ((3, 10), (3, 13))
@@ -142,8 +142,8 @@ def clean_environment():
     return environment
 
 
-def run(*command):
-    """Run a program; what it says goes to the log, and is shown only if it fails."""
+def run(*command, **variables):
+    """Run a program with more environment variables; its output goes to the log, and is shown only if it fails."""
     command = [str(word) for word in command]
     with LOG.open("a") as log:
         log.write(f"\n$ {' '.join(command)}\n")
@@ -153,7 +153,7 @@ def run(*command):
         status = subprocess.call(
             command,
             cwd=CHECKOUT,
-            env=clean_environment(),
+            env={**clean_environment(), **variables},
             stdin=subprocess.DEVNULL,
             stdout=log,
             stderr=log,
@@ -175,8 +175,8 @@ def output_of_venv_python(program):
 # --- Steps ----------------------------------------------------------------------------------------------------------
 
 
-def install_packages():
-    """A new virtual environment with every package from the index."""
+def create_environment():
+    """A new virtual environment with ROS 2 Jazzy from wheels."""
     COMPLETE.unlink(missing_ok=True)
     if VENV.exists():
         shutil.rmtree(VENV)
@@ -184,74 +184,60 @@ def install_packages():
     # The real interpreter: `sys.executable` may lie in the environment that was just removed.
     run(os.path.realpath(getattr(sys, "_base_executable", sys.executable)), "-m", "venv", VENV)
     if APT_JAZZY:  # a complete list: some of its wheels ask for a newer NumPy than they need
-        run(PYTHON, "-m", "pip", "install", "--no-deps", "-r", REQUIREMENTS)
+        run(PYTHON, "-m", "pip", "install", "--no-deps", "-r", REQUIREMENTS / "apt_jazzy.txt")
     else:
-        pip_install("-r", REQUIREMENTS)
-    correct_include_directories()
+        pip_install("-r", REQUIREMENTS / "demo.in")
 
 
 def pip_install(*what):
     run(PYTHON, "-m", "pip", "install", "-c", CONSTRAINTS, *what)
 
 
-def correct_include_directories():
-    """Point the CMake files of the ROS wheels to this Python and this NumPy.
-
-    They name the include directories of the machine that the wheels were built on.
-    """
-    here = json.loads(
-        output_of_venv_python(
-            "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_paths()['include'], numpy.get_include()]))"
-        )
-    )
-    elsewhere = (
-        re.compile(r"/opt/python/[^;\"]+?/include/python3\.\d+"),
-        re.compile(r"/opt/python/[^;\"]+?/numpy/_?core/include"),
-    )
-    for path in VENV.glob("share/*/cmake/*.cmake"):
-        text = corrected = path.read_text()
-        for pattern, directory in zip(elsewhere, here, strict=True):
-            corrected = pattern.sub(lambda _, directory=directory: directory, corrected)
-        if corrected != text:
-            path.write_text(corrected)
-
-
-def build_interfaces():
-    """The service types of robot_dynamics_interfaces, compiled and installed into .venv."""
-    remove_installed_interfaces()
-    cmake = VENV / "bin" / "cmake"
-    # Not built inside the checkout: ament_cmake fails where the path of the build folder has a space in it.
-    with tempfile.TemporaryDirectory(prefix="robot_dynamics_interfaces_") as build:
-        run(
-            cmake,
-            *("-S", INTERFACES),
-            *("-B", build),
-            *("-G", "Ninja"),
-            f"-DCMAKE_INSTALL_PREFIX={VENV}",
-            f"-DPython3_EXECUTABLE={PYTHON}",
-            "-DBUILD_TESTING=OFF",
-        )
-        run(cmake, "--build", build)
-        run(cmake, "--install", build)
-        shutil.copy(Path(build, "install_manifest.txt"), INSTALLED_INTERFACES)
-
-
-def remove_installed_interfaces():
-    """Take out what was built before, so that a type that was deleted does not live on."""
-    if INSTALLED_INTERFACES.exists():
-        for line in INSTALLED_INTERFACES.read_text().splitlines():
-            Path(line).unlink(missing_ok=True)
-        INSTALLED_INTERFACES.unlink()
+def install_interfaces():
+    """The service types of robot_dynamics_interfaces, compiled and installed."""
+    # pip compiles in an environment of its own; which of the variables it reads depends on its version
+    constraints = {"PIP_CONSTRAINT": str(CONSTRAINTS), "PIP_BUILD_CONSTRAINT": str(CONSTRAINTS)}
+    run(PYTHON, "-m", "pip", "install", "--no-deps", "--force-reinstall", INTERFACES, **constraints)
 
 
 def install_project():
     """robot_dynamics itself, editable: changes of its Python files take effect at once."""
-    run(PYTHON, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "-e", CHECKOUT)
+    install_editable("compiled,bags")
+
+
+def install_editable(extras):
+    """robot_dynamics, editable, with packages of its extras."""
+    if APT_JAZZY:
+        run(PYTHON, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "-e", CHECKOUT)
+    else:
+        pip_install("--no-build-isolation", "-e", f"{CHECKOUT}[{extras}]")
+
+
+def install_tests():
+    """What the tests need, and all extras."""
+    install_editable("all")
+    pip_install("-r", REQUIREMENTS / "test.in")
+
+
+def install_docs():
+    """Sphinx, and all extras, which tutorials use."""
+    install_editable("all")
+    pip_install("-r", REQUIREMENTS / "docs.in")
 
 
 def install_colcon():
-    """The build tool of ROS workspaces, for `make colcon`."""
-    pip_install("-r", CHECKOUT / "requirements" / "colcon.in")
+    """colcon, and what it builds robot_dynamics_interfaces with."""
+    pip_install("-r", REQUIREMENTS / "colcon.in")
+    sys.path.insert(0, str(INTERFACES))
+    from ros_wheels import correct_include_directories
+
+    program = (
+        "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_paths()['include'], numpy.get_include()]))"
+    )
+    correct_include_directories(VENV, *json.loads(output_of_venv_python(program)))
+
+
+PACKAGE_FILES = ("pyproject.toml", "setup.py", "setup.cfg")
 
 
 class Step:
@@ -273,17 +259,19 @@ class Step:
         return digest.hexdigest()
 
 
-PACKAGES = Step(
-    "packages",
-    "installing ROS 2 Jazzy and other packages (1.5 GB; a minute or more)",
-    install_packages,
-    REQUIREMENTS,
-    *(() if APT_JAZZY else (CONSTRAINTS,)),
+ENVIRONMENT = Step(
+    "environment",
+    "installing ROS 2 Jazzy from wheels",
+    create_environment,
+    "requirements/apt_jazzy.txt" if APT_JAZZY else "requirements/demo.in",
+    *(() if APT_JAZZY else ("requirements/constraints.txt",)),
 )
 INTERFACE_TYPES = Step(
-    "interfaces", "building robot_dynamics_interfaces", build_interfaces, "robot_dynamics_interfaces"
+    "interfaces", "compiling robot_dynamics_interfaces", install_interfaces, "robot_dynamics_interfaces"
 )
-PROJECT = Step("project", "installing robot_dynamics (editable)", install_project, "setup.py", "setup.cfg")
+PROJECT = Step("project", "installing robot_dynamics and the packages it needs", install_project, *PACKAGE_FILES)
+TESTS = Step("tests", "installing what the tests need (1.3 GB)", install_tests, "requirements/test.in", *PACKAGE_FILES)
+DOCS = Step("docs", "installing what the documentation needs", install_docs, "requirements/docs.in", *PACKAGE_FILES)
 COLCON = Step("colcon", "installing colcon", install_colcon, "requirements/colcon.in")
 
 
@@ -303,8 +291,8 @@ def completed_steps(version):
 def make(steps, version):
     """Do the steps that are not done."""
     completed = completed_steps(version)
-    # Only a new list of packages makes the environment anew; the other steps do not depend on one another.
-    if completed.get(PACKAGES.name) != PACKAGES.fingerprint():
+    # Only another list of ROS packages, or other versions, make the environment anew.
+    if completed.get(ENVIRONMENT.name) != ENVIRONMENT.fingerprint():
         completed = {}
     missing = [step for step in steps if completed.get(step.name) != step.fingerprint()]
     if not missing:
@@ -347,8 +335,19 @@ def locked():
     return file
 
 
+def chosen_steps(options):
+    """The steps that the options ask for, in their order."""
+    steps = [ENVIRONMENT, INTERFACE_TYPES, PROJECT]
+    for step, is_chosen in ((TESTS, options.tests), (DOCS, options.docs), (COLCON, options.colcon)):
+        if is_chosen:
+            steps.append(step)
+    return steps
+
+
 def main():
     parser = argparse.ArgumentParser(description="Make or bring up to date .venv, the project's environment.")
+    parser.add_argument("--tests", action="store_true", help="also install what the tests need")
+    parser.add_argument("--docs", action="store_true", help="also install what the documentation needs")
     parser.add_argument("--colcon", action="store_true", help="also install colcon")
     parser.add_argument("--apt-jazzy", action="store_true", help="make .venv_apt_jazzy, as beside ROS 2 Jazzy from apt")
     parser.add_argument("--this-python", action="store_true", help="remake .venv if it is of another Python version")
@@ -356,7 +355,7 @@ def main():
     version = "{}.{}".format(*sys.version_info[:2]) if options.this_python else None
     try:
         with locked():
-            make([PACKAGES, INTERFACE_TYPES, PROJECT, *([COLCON] if options.colcon else [])], version)
+            make(chosen_steps(options), version)
     except (BootstrapError, OSError, subprocess.CalledProcessError) as error:
         print(f"bootstrap: {error}", file=sys.stderr)
         return 1

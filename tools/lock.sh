@@ -28,8 +28,9 @@ compile() {
     cat - "$versions" >"$written"
 }
 
-compile requirements/constraints.txt --universal --python-version 3.10 requirements/venv.in requirements/colcon.in <<'HEADER'
-# Versions of everything that requirements/*.in lead to, for Python 3.10 to 3.13.
+compile requirements/constraints.txt --universal --python-version 3.10 \
+    --extra all pyproject.toml requirements/demo.in requirements/test.in requirements/docs.in requirements/colcon.in <<'HEADER'
+# Versions of everything that pyproject.toml and requirements/*.in lead to, for Python 3.10 to 3.13.
 # Written by `make lock` (uv pip compile --universal); do not edit.
 HEADER
 

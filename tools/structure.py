@@ -1,6 +1,6 @@
 """Measure the structure of the package: words, annotations, public names, imports, file names.
 
-Run ``python tools/structure.py`` to print the table of ``docs/structure.md`` for this checkout, or
+Run ``python tools/structure.py`` to print the table of ``docs/explanation/structure.md`` for this checkout, or
 ``python tools/structure.py FOLDER`` for another one.
 """
 

@@ -1,8 +1,11 @@
 """Design an excitation trajectory for identify: a Fourier series within the joint limits.
 
-The trajectory begins and ends at rest and minimises the condition number of the base parameters and frictions. The
-output is a CSV with the columns time, <joint>.position, .velocity and .acceleration. Collisions of the links with each
-other, a table or a cable are not checked: inspect the motion before a robot executes it, and begin slowly.
+The trajectory begins and ends at rest. It minimises the condition number of the regressor of base parameters, frictions
+and offsets: the lower it is, the better the parameters can be told apart. The output is a CSV file with the columns
+time, <joint>.position, <joint>.velocity and <joint>.acceleration. The robot needs a fixed base and no closed loops.
+
+Collisions of the links with each other, a table or a cable are not checked: inspect the motion before a robot executes
+it, and begin slowly.
 
 It takes some seconds for an arm with seven joints. The estimated time is printed at the beginning, and a terminal
 shows a progress bar. --time-limit ends the design with the best trajectory so far.
@@ -34,9 +37,11 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_robot_arguments(parser)
     parser.add_argument("--output", metavar="FILE.csv", required=True, help="output file of the trajectory")
-    parser.add_argument("--duration", type=float, default=20.0, metavar="S", help="default: %(default)s")
     parser.add_argument(
-        "--harmonics", type=int, default=5, help="number of harmonics of the series (default: %(default)s)"
+        "--duration", type=float, default=20.0, metavar="S", help="duration of the motion (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--harmonics", type=int, default=5, help="number of harmonics of the Fourier series (default: %(default)s)"
     )
     parser.add_argument(
         "--rate", type=float, default=100.0, metavar="HZ", help="sample rate of the output (default: %(default)s)"
@@ -53,7 +58,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=float,
         default=0.05,
         metavar="PART",
-        help="part of the position and velocity ranges left free at each end (default: %(default)s)",
+        help="part of the position range that the motion leaves free at each end, and of the velocity limit "
+        "(default: %(default)s)",
     )
     parser.add_argument(
         "--iterations",
@@ -68,7 +74,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="S",
         help="stop after this time with the best trajectory so far (default: none)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random initial trajectories")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of the random initial trajectories (default: %(default)s)"
+    )
 
 
 def run(arguments: Namespace) -> None:

@@ -1,8 +1,9 @@
 """Generate a model of a robot as straight-line code: C99 for a controller, or Python to read.
 
 The code needs only <math.h> or `math`, allocates no memory and keeps no state. The models are inverse, direct,
-inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), regressor, and pose (of --frame). The top of
-the file describes the inputs and outputs. Two robots in one program need two prefixes.
+inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), friction, regressor, pose (of --frame), and for
+robots with loops closure (one step that closes them) and state_derivative. The top of the file describes the inputs and
+outputs. Two robots in one program need two prefixes.
 """
 
 from __future__ import annotations

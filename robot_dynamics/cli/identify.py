@@ -1,8 +1,10 @@
 """Identify a robot from recordings: fit base parameters, frictions and offsets to measured efforts.
 
-The residuals and the standard deviations of the parameters are printed. --output writes the description with
-physically consistent inertias, nearest to the fit. --output-drives writes what a description cannot contain: offsets of
-joints, and losses by which joints are coupled. replay-check reads both. --gains identifies drive gains too.
+Prints the residuals of each joint, and the parameters with their standard deviations. The description of --robot needs
+the right geometry; its masses may be wrong or missing. --output writes a description with the physically consistent
+inertias that are nearest to the fit. --output-drives writes what a description cannot contain: offsets of efforts,
+drive gains, and friction and rotor inertia of motors that turn with several joints. replay-check reads both. --gains
+identifies drive gains too.
 """
 
 from __future__ import annotations
@@ -55,7 +57,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--method",
         choices=("weighted", "ordinary", "robust"),
         default="weighted",
-        help="method of least squares (default: %(default)s)",
+        help="least squares weighted by the variance of each joint, ordinary, or robust against outliers such as "
+        "collisions (default: %(default)s)",
     )
     parser.add_argument(
         "--no-rotor-inertia", action="store_true", help="do not identify rotor inertias as separate parameters"
@@ -66,17 +69,20 @@ def add_arguments(parser: ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="PART",
-        help="last part of each recording, 0 to 1, that is used for validation",
+        help="part of each recording, at its end, that is used for validation and not for the fit: 0.3 is the last "
+        "30 %% (default: 0)",
     )
     parser.add_argument(
         "--validate",
         action="append",
         default=[],
         metavar="RECORDING",
-        help="another recording for validation, repeat for several recordings",
+        help="recording that is used for validation and not for the fit; repeat for several recordings",
     )
-    parser.add_argument("--output", metavar="FILE.yaml", help="write the robot as an MDH table")
-    parser.add_argument("--output-drives", metavar="FILE.yaml", help="write the drives")
+    parser.add_argument("--output", metavar="FILE.yaml", help="write the identified robot as an MDH table")
+    parser.add_argument(
+        "--output-drives", metavar="FILE.yaml", help="write the identified drives, for --drives of replay-check"
+    )
     parser.add_argument("--json", metavar="FILE", help="write all results as JSON")
 
 

@@ -24,28 +24,37 @@ def add_recording_arguments(parser: ArgumentParser, recordings: tuple[str, str |
         name,
         nargs=nargs,
         metavar="RECORDING",
-        help="rosbag2 bag (folder, .mcap or .db3), or CSV with columns time, <joint>.position, <joint>.effort",
+        help="rosbag2 bag (folder, .mcap or .db3), or CSV file with the columns time, <joint>.position, <joint>.effort "
+        "and optionally <joint>.velocity",
     )
     parser.add_argument("--robot", required=True, help=ROBOT_HELP)
     add_description_arguments(parser)
     parser.add_argument(
-        "--drives", metavar="FILE", help="YAML with motors and their ratios, gains and offsets; see config/drives"
+        "--drives",
+        metavar="FILE",
+        help="YAML file that converts measured signals to those of the joints: ratios, gains and offsets of motors; "
+        "see config/drives",
     )
     parser.add_argument(
         "--topic",
         action="append",
         default=[],
         metavar="TOPIC",
-        help="topic to read, repeat for several topics; default: all JointState topics, and the only Odometry topic "
-        "if the base of the robot moves",
+        help="topic to read; repeat for several topics (default: all topics of type JointState, and the topic of type "
+        "Odometry if the base of the robot moves)",
     )
     parser.add_argument(
         "--cutoff",
         type=float,
         metavar="HZ",
-        help="cut-off frequency of the low-pass filter; default: 8, or a fifth of the rate",
+        help="cut-off frequency of the low-pass filter of efforts and velocities (default: 8, or a fifth of the rate)",
     )
-    parser.add_argument("--rate", type=float, metavar="HZ", help="sample rate of the grid; default: as recorded")
+    parser.add_argument(
+        "--rate",
+        type=float,
+        metavar="HZ",
+        help="samples per second to which signals are interpolated (default: as recorded)",
+    )
 
 
 def open_recordings(arguments: Namespace, paths: Iterable[str]) -> tuple[Dynamics, list[Recording]]:

@@ -1,8 +1,11 @@
 """Check recordings against the model of a robot: compare measured with predicted efforts.
 
-Prints a table, and writes a report (one HTML file), figures (PNG) and JSON on request. Several recordings are checked
-one by one and summarised. The exit status is 0 if all joints pass; 3 if a tolerance is exceeded, predictions differ
-from a golden bag, or a fault is identified; 1 if a recording could not be checked.
+The table has one row for each joint: its verdict, the RMS of the residual (measured minus predicted effort), and the
+largest RMS that is tolerated. A report (one HTML file), figures (PNG) and JSON are written on request. Several
+recordings are checked one by one and summarised.
+
+The exit status is 0 if all joints of all recordings pass; 3 if a tolerance is exceeded, predictions differ from a
+golden bag, or --faults identifies a fault; 1 if no check failed but a recording or another file could not be read.
 """
 
 from __future__ import annotations
@@ -51,21 +54,31 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_recording_arguments(parser, ("recordings", "+"))
     add_executor_arguments(parser)
-    parser.add_argument("--tolerances", metavar="FILE", help="YAML (default: config/tolerances/default.yaml)")
     parser.add_argument(
-        "--report", metavar="FILE.html", help="write a report; for several recordings, a folder of reports"
+        "--tolerances",
+        metavar="FILE",
+        help="YAML file with tolerated residuals; keys that it lacks are those of the default, "
+        "config/tolerances/default.yaml",
+    )
+    parser.add_argument(
+        "--report",
+        metavar="FILE.html",
+        help="write a report that opens in a browser; for several recordings, the name of a folder of reports",
     )
     parser.add_argument("--pictures", metavar="FOLDER", help="write the figures of the report as PNG files")
     parser.add_argument(
         "--write-golden", metavar="FOLDER", help="write the predicted efforts as a bag with the topic /predicted_effort"
     )
     parser.add_argument(
-        "--golden", metavar="BAG", help="bag of --write-golden: the predicted efforts must be equal to it"
+        "--golden",
+        metavar="BAG",
+        help="bag that --write-golden wrote: the predicted efforts must be equal to those in it",
     )
     parser.add_argument(
         "--faults",
         action="store_true",
-        help="identify the fault that explains the residuals, and its onset; a fault fails the check",
+        help="identify the fault that explains the residuals, and its onset; a fault fails the check. The model "
+        "must fit the recording before the fault",
     )
     parser.add_argument("--json", metavar="FILE", help="write all results as JSON")
 

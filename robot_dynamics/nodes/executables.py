@@ -7,8 +7,8 @@ from robot_dynamics.errors import INTERRUPTED_EXIT_STATUS
 from robot_dynamics.optional_packages import missing_package_error
 
 ROS_INSTALLATION_HINT = (
-    "install ROS 2 Jazzy and source its setup.bash, or run `make venv` in a checkout of robot_dynamics, which brings "
-    "its own ROS. The command robot-dynamics and the Python library need no ROS"
+    "install ROS 2 Jazzy and source its setup.bash, or install ROS from PyPI: pip install 'robot_dynamics[ros]'. The "
+    "command robot-dynamics and the Python library need no ROS"
 )
 ROS_MODULES = ("rclpy", "rcl_interfaces", "robot_dynamics_interfaces", "builtin_interfaces", "rosidl_parser")
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import fcntl
-import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import pytest
 from lxml import html
 
 ROOT = Path(__file__).parents[2]
@@ -56,7 +54,6 @@ class Site:
 
 def build_site(folder: Path) -> Site:
     """Build the documentation in a folder, unless another process has, and return it."""
-    pytest.importorskip("sphinx", reason="the documentation is built by Sphinx")
     folder.mkdir(parents=True, exist_ok=True)
     output = folder / "html"
     log = folder / "warnings.txt"
@@ -70,9 +67,3 @@ def build_site(folder: Path) -> Site:
             )
             assert done.returncode == 0, done.stderr[-4000:]
     return Site(output, log.read_text(encoding="utf-8"))
-
-
-def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a folder that is the same for all processes of this run of the tests."""
-    base = tmp_path_factory.getbasetemp()
-    return (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "site"

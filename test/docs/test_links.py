@@ -4,16 +4,11 @@ import re
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from docs.built_site import DOCS, build_site, shared_folder
+from docs.built_site import DOCS
 
 pytestmark = pytest.mark.slow
 
 EXTERNAL = re.compile(r"^(https?|mailto|data):")
-
-
-@pytest.fixture(scope="module")
-def site(tmp_path_factory):
-    return build_site(shared_folder(tmp_path_factory))
 
 
 def test_internal_links_and_images_resolve(site):

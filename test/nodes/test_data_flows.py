@@ -1,4 +1,4 @@
-"""Data flows: the files that a request, a message and a recording pass through are those of docs/architecture.md."""
+"""Data flows: a request, a message and a recording pass through the files of docs/explanation/architecture.md."""
 
 import inspect
 import re
@@ -21,7 +21,7 @@ from robot_dynamics_interfaces.srv import InverseDynamics
 from .service_requests import inverse
 
 PACKAGE = Path(robot_dynamics.__file__).parent
-ARCHITECTURE = Path(__file__).parents[2] / "docs" / "architecture.md"
+ARCHITECTURE = Path(__file__).parents[2] / "docs" / "explanation" / "architecture.md"
 MOST_FILES = {"request": 17, "message": 6, "recording": 25}
 """Most files that the documentation lists for each flow, as before the packages were laid out."""
 
@@ -45,7 +45,7 @@ def files_passed(call):
 
 
 def documented(flow):
-    """The files that docs/architecture.md lists under the heading of a flow."""
+    """The files that docs/explanation/architecture.md lists under the heading of a flow."""
     section = re.search(rf"^### [^\n]*\b{flow}\b[^\n]*$(.*?)(?=^##|\Z)", ARCHITECTURE.read_text(), re.M | re.S)[1]
     return re.findall(r"^\d+\. `([\w/]+\.py)`", section, re.M)
 

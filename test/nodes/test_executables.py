@@ -46,7 +46,11 @@ def test_without_ros_one_line_says_what_to_install(name, tmp_path):
     done = subprocess.run(script(name), env=environment(tmp_path, "ros"), capture_output=True, text=True, timeout=120)
     assert done.returncode == 1 and not done.stdout
     (line,) = done.stderr.splitlines()
-    assert line.startswith(f"{name}: No module named '") and "source its setup.bash" in line and "make venv" in line
+    assert (
+        line.startswith(f"{name}: No module named '")
+        and "source its setup.bash" in line
+        and "robot_dynamics[ros]" in line
+    )
 
 
 @pytest.mark.parametrize(

@@ -115,9 +115,9 @@ def legs_of(dynamics, q, name):
     return q[:, [number for joint, number in dynamics.robot.joint_numbers.items() if joint.startswith(f"{name}_")]]
 
 
-def test_parallel_robot_of_the_readme_closes():
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    (table,) = re.findall(r"```yaml\n(# hexapod.yaml\n.*?)```", readme, re.DOTALL)
+def test_parallel_robot_of_the_documentation_closes():
+    page = (Path(__file__).parents[2] / "docs" / "how_to" / "parallel_robots.md").read_text(encoding="utf-8")
+    (table,) = re.findall(r"```yaml\n(# hexapod.yaml\n.*?)```", page, re.DOTALL)
     dynamics = Dynamics(load_robot(table, strict=True))
     assert dynamics.joint_names == tuple(f"leg_{number}" for number in range(1, 7))
     q = dynamics.initial_joint_positions

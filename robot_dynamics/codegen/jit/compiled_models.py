@@ -13,6 +13,7 @@ from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile
 from robot_dynamics.codegen.jit.program_key import ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
+from robot_dynamics.optional_packages import install_hint
 
 if TYPE_CHECKING:
     from robot_dynamics.codegen.jit.python_program import PythonProgram
@@ -216,4 +217,5 @@ _logged_warnings: set[str] = set()
 def _warn_once(reason: str) -> None:
     if reason not in _logged_warnings:
         _logged_warnings.add(reason)
-        logger.warning("models run as Python, some ten times slower than compiled: %s. pip install llvmlite", reason)
+        hint = install_hint("llvmlite")
+        logger.warning("models run as Python, some ten times slower than compiled: %s: %s", reason, hint)

@@ -33,8 +33,30 @@ XACRO_ELEMENTS = ("arg", "attribute", "call", "element", "if", "include", "inser
 Element: TypeAlias = etree._Element
 
 
+class LineWarnings:
+    """Warnings about elements of a text, one message for all lines with the same cause."""
+
+    def __init__(self, source: object) -> None:
+        self._source = source
+        self._messages: dict[str, str] = {}
+        self._lines: dict[str, list[int]] = {}
+
+    def add(self, element: Element, message: str, cause: str | None = None) -> None:
+        """Add a warning at the line of an element; of those with one cause (default: the message) the first is kept."""
+        cause = cause or message
+        self._messages.setdefault(cause, message)
+        self._lines.setdefault(cause, []).append(element.sourceline)
+
+    def log(self) -> None:
+        """Log the warnings with their lines."""
+        for cause, message in self._messages.items():
+            line, *more = self._lines[cause]
+            count = f" and {len(more)} more" if more else ""
+            logger.warning("%s, line %d%s: %s", self._source, line, count, message)
+
+
 def parse_urdf_text(text: str | bytes, source: object) -> Element:
-    """Return the root element <robot> of a URDF, without elements that the dynamics do not use.
+    """Return the root element <robot> of a URDF.
 
     Only the text itself is read: no DTD, no entity, no include.
 
@@ -60,7 +82,6 @@ def parse_urdf_text(text: str | bytes, source: object) -> Element:
         raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
     refuse_includes(root, source)
     check_unexpanded_elements(root, source)
-    remove_unused_elements(root, "robot")
     return root
 
 
@@ -89,8 +110,13 @@ def remove_unused_elements(element: Element, kind: str) -> None:
         if child.tag not in USED_ELEMENTS[kind]:
             element.remove(child)
         elif child.tag in USED_ELEMENTS:
-            is_fixed = child.tag == "joint" and child.get("type") in ("fixed", "floating")
-            remove_unused_elements(child, "fixed joint" if is_fixed else child.tag)
+            remove_unused_elements(child, element_kind(child))
+
+
+def element_kind(element: Element) -> str:
+    """Return the key of USED_ELEMENTS of an element that contains used ones."""
+    is_fixed = element.tag == "joint" and element.get("type") in ("fixed", "floating")
+    return "fixed joint" if is_fixed else str(element.tag)
 
 
 def decode_urdf(text: str | bytes, source: object) -> str:
@@ -127,7 +153,7 @@ def check_unexpanded_elements(root: Element, source: object) -> None:
 
     Raises DescriptionError where such an element may contain data of the robot, and logs a warning for the others.
     """
-    ignored: dict[str, list[int]] = {}
+    warnings = LineWarnings(source)
     for element in root.iter(etree.Element):
         name = unexpanded_name(element)
         if name is None:
@@ -135,17 +161,12 @@ def check_unexpanded_elements(root: Element, source: object) -> None:
         reason = _refusal_of_unexpanded(element, name, root)
         if reason is not None:
             raise DescriptionError(f"{source}, line {element.sourceline}: <{name}> {reason}")
-        ignored.setdefault(name, []).append(element.sourceline)
-    for name, (line, *more) in ignored.items():
-        count = f" and {len(more)} more" if more else ""
-        logger.warning(
-            "%s, line %d%s: <%s> is ignored: it was not expanded, or its prefix is not declared. It is neither a link "
+        warnings.add(
+            element,
+            f"<{name}> is ignored: it was not expanded, or its prefix is not declared. It is neither a link "
             "nor a joint",
-            source,
-            line,
-            count,
-            name,
         )
+    warnings.log()
 
 
 def _refusal_of_unexpanded(element: Element, name: str, root: Element) -> str | None:

@@ -11,8 +11,9 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.urdf.document import parse_urdf_text
-from robot_dynamics.model.formats.urdf.validation import check_urdf
+from robot_dynamics.model.formats.urdf.document import parse_urdf_text, remove_unused_elements
+from robot_dynamics.model.formats.urdf.ignored_content import check_ignored_content
+from robot_dynamics.model.formats.urdf.validation import check_urdf, warn_of_suspicious_numbers
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
@@ -60,7 +61,10 @@ def read_urdf(
         If yourdfpy, which parses URDFs, is not installed.
     """
     root = parse_urdf_text(text, source)
+    check_ignored_content(root, source)
+    remove_unused_elements(root, "robot")
     check_urdf(root, source)
+    warn_of_suspicious_numbers(root, source)
     checked = io.BytesIO(etree.tostring(root))  # only the checked elements, without shapes
     yourdfpy = import_optional("yourdfpy", "reading a URDF")
     try:

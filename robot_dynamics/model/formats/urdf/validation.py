@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import NoReturn, TypeAlias
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.urdf.document import Element
+from robot_dynamics.model.formats.urdf.document import Element, LineWarnings
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating")
 INERTIAL_ATTRIBUTES = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
@@ -14,6 +14,8 @@ JOINT_ATTRIBUTES = {
     "dynamics": ("damping", "friction"),
     "mimic": ("multiplier", "offset"),
 }
+ONE_TURN = 2 * math.pi + 0.01  # [rad] larger angles of a pose are probably degrees
+UNIT_TOLERANCE = 0.01  # of the length of an axis
 
 Fail: TypeAlias = Callable[[Element, str], NoReturn]
 """Raises DescriptionError with a message and the line of an element."""
@@ -98,6 +100,10 @@ def check_urdf_joint(name: str, joint: Element, links: Mapping[str, Element], fa
     for attribute in JOINT_ATTRIBUTES["dynamics"] if dynamics is not None else ():
         if float(dynamics.get(attribute, 0)) < 0:
             fail(dynamics, f"{owner}: {attribute} {dynamics.get(attribute)} is negative, it would drive the joint")
+    limit = joint.find("limit")
+    for attribute in ("velocity", "effort") if limit is not None else ():
+        if float(limit.get(attribute, 0)) < 0:
+            fail(limit, f"{owner}: {attribute} limit {limit.get(attribute)} is negative. Omit it if there is no limit")
     mimic = joint.find("mimic")
     if mimic is not None and not mimic.get("joint"):
         fail(mimic, f"{owner}: <mimic> lacks joint")
@@ -113,6 +119,39 @@ def _check_axis(joint: Element, owner: str, fail: Fail) -> None:
     check_numbers(axis, "xyz", 3, owner, fail)
     if not 1e-6 < math.hypot(*map(float, axis.get("xyz").split())) < 1e6:
         fail(axis, f"{owner}: axis {axis.get('xyz')!r} has no direction, or is far from a unit vector")
+
+
+def warn_of_suspicious_numbers(root: Element, source: object) -> None:
+    """Log a warning for numbers that readers interpret, but probably not as intended; root: checked by `check_urdf`."""
+    warnings = LineWarnings(source)
+    for link in root.findall("link"):
+        _check_angles(link.find("inertial/origin"), f"link {link.get('name')!r}", warnings)
+    for joint in root.findall("joint"):
+        owner = f"joint {joint.get('name')!r}"
+        _check_angles(joint.find("origin"), owner, warnings)
+        axis = joint.find("axis")
+        if axis is not None and abs(math.hypot(*_numbers(axis, "xyz")) - 1) > UNIT_TOLERANCE:
+            message = f"{owner}: axis {axis.get('xyz')!r} is not a unit vector. Only its direction is used"
+            warnings.add(axis, message, "axis")
+        limit = joint.find("limit")
+        if limit is not None and joint.get("type") in ("revolute", "prismatic"):
+            missing = " and ".join(name for name in ("lower", "upper") if limit.get(name) is None)
+            if missing:
+                message = f"{owner}: <limit> lacks {missing}. No limit is assumed here, but other readers assume 0"
+                warnings.add(limit, message, "limit")
+    warnings.log()
+
+
+def _check_angles(origin: Element | None, owner: str, warnings: LineWarnings) -> None:
+    """Add a warning where an angle of <origin> exceeds one turn."""
+    if origin is not None and any(abs(angle) > ONE_TURN for angle in _numbers(origin, "rpy")):
+        message = f"{owner}: rpy={origin.get('rpy')!r} has an angle over one turn. Angles are in radians, not degrees"
+        warnings.add(origin, message, "rpy")
+
+
+def _numbers(element: Element, attribute: str) -> list[float]:
+    """Return the numbers of an attribute, none where it is missing."""
+    return [float(word) for word in element.get(attribute, "").split()]
 
 
 def refuse_duplicates(element: Element, owner: str, fail: Fail) -> None:

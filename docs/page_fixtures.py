@@ -1,0 +1,30 @@
+"""Named set-ups of pages. The comment `% setup: NAME` in a page calls the function NAME(folder) of this file.
+
+A function makes files in the folder in which the blocks of the page run.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from peers.recorded import loaded_panda, messages, panda_motion, write_bag
+
+DURATION = 12.0  # [s]
+
+
+def run(folder: Path) -> None:
+    """A bag `run`: joint_states of a Panda in motion, with the efforts of its model."""
+    write_bag(folder / "run", messages(panda_motion(duration=DURATION)))
+
+
+def run_loaded(folder: Path) -> None:
+    """A bag `run_loaded`: the same motion with 2.5 kg at the flange, which the description does not have."""
+    write_bag(folder / "run_loaded", messages(panda_motion(duration=DURATION, model=loaded_panda(2.5))))
+
+
+def nightly_bags(folder: Path) -> None:
+    """Four bags of a Panda with friction and noisy efforts: three sound ones, `thursday` with 1 kg at the flange."""
+    for seed, day in enumerate(("monday", "tuesday", "wednesday", "thursday")):
+        model = loaded_panda(1.0) if day == "thursday" else None
+        motion = panda_motion(duration=15.0, seed=seed, viscous=0.05, coulomb=0.05, model=model)
+        noise = np.random.default_rng(seed).normal(scale=0.1, size=motion.efforts.shape)
+        write_bag(folder / "bags" / day, messages(motion._replace(efforts=motion.efforts + noise)))
