@@ -73,7 +73,7 @@ html_title = f"robot_dynamics {version}"
 html_copy_source = False
 html_show_sphinx = False
 html_static_path = ["extensions/static"]
-html_css_files = ["wide_tables.css"]
+html_css_files = ["reference.css"]
 html_theme_options = {"navigation_with_keys": True}
 autodoc_type_aliases = {
     name: name

@@ -10,14 +10,18 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any, cast
 
+from docutils import nodes
+from sphinx.addnodes import pending_xref
 from sphinx.domains.python import PythonDomain, PyXRefRole
 from sphinx.util.nodes import make_refnode
 
 if TYPE_CHECKING:
     from docutils.nodes import Element
-    from sphinx.addnodes import pending_xref
     from sphinx.application import Sphinx
     from sphinx.environment import BuildEnvironment
+
+PUBLIC_PREFIX = re.compile(r"^robot_dynamics\.(?=[A-Z]|[a-z_]+(\(\))?$)")
+"""What comes before a public name, and its members; names with a longer path keep it."""
 
 
 class KnownNameRole(PyXRefRole):
@@ -48,6 +52,16 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, contnode: El
     return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, contnode, matches[0])
 
 
+def shorten_references(app: Sphinx, doctree: nodes.document) -> None:
+    """Show `Dynamics.inverse()`, not `robot_dynamics.Dynamics.inverse()`, in references to public names."""
+    for reference in doctree.findall(pending_xref):
+        if reference.get("refdomain") != "py" or reference.get("refexplicit"):
+            continue
+        for text in list(reference.findall(nodes.Text)):
+            if PUBLIC_PREFIX.match(text):
+                text.parent.replace(text, nodes.Text(PUBLIC_PREFIX.sub("", text)))
+
+
 def shorten_aliases(
     app: Sphinx, kind: str, name: str, member: object, options: Any, signature: str | None, result: str | None
 ) -> tuple[str | None, str | None]:
@@ -68,6 +82,7 @@ def setup(app: Sphinx) -> dict[str, bool]:
     """Register the role and the resolvers."""
     app.add_role_to_domain("py", "known", KnownNameRole())
     app.connect("missing-reference", resolve)
+    app.connect("doctree-read", shorten_references)
     app.connect("autodoc-process-signature", shorten_aliases)
     app.connect("autodoc-skip-member", skip_fields)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -10,7 +10,6 @@ from functools import cached_property
 from pathlib import Path
 
 from lxml import html
-from sphinx.util.inventory import InventoryFile
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -46,6 +45,8 @@ class Site:
     @cached_property
     def object_names(self) -> set[str]:
         """Names of all documented Python objects."""
+        from sphinx.util.inventory import InventoryFile
+
         with (self.folder / "objects.inv").open("rb") as stream:
             inventory = InventoryFile.load(stream, "", lambda base, path: path)
         return {name for kind, names in inventory.items() if kind.startswith("py:") for name in names}

@@ -4,6 +4,7 @@ import argparse
 import inspect
 import json
 import re
+import sys
 
 import pytest
 from docs.built_site import ROOT
@@ -136,3 +137,14 @@ def test_topics_of_nodes_are_listed(site):
     topics = {topic for path in sources if path.parent.name != "demo" for topic in pattern.findall(path.read_text())}
     assert len(topics) > 15
     assert topics <= site.codes("reference/nodes")
+
+
+def test_formulas_are_mathml():
+    sys.path.insert(0, str(ROOT / "docs" / "extensions"))
+    try:
+        import mathml
+    finally:
+        sys.path.pop(0)
+    parts = {r"\dot q_i": "<msub><mover", r"\frac{a}{b}": "<mfrac", r"\sum_i^n x": "<munderover"}
+    for latex, tag in parts.items():
+        assert tag in "".join(line.strip() for line in mathml.to_mathml(latex, is_block=False).splitlines()), latex
