@@ -12,7 +12,7 @@ from robot_dynamics import load_robot, shipped_robots
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
-EXECUTABLES = set(re.findall(r'"(\w+) = robot_dynamics\.nodes', (ROOT / "setup.py").read_text()))
+EXECUTABLES = set(re.findall(r'^(\w+) = "robot_dynamics\.nodes', (ROOT / "pyproject.toml").read_text(), re.MULTILINE))
 
 
 def calls(path, name):

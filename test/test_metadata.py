@@ -66,14 +66,6 @@ def test_executables_are_those_that_colcon_is_checked_for(tables):
         assert callable(getattr(importlib.import_module(module), function))
 
 
-def test_requirements_of_python_are_requirements_of_the_ros_package(tables):
-    """Each Python package that pip requires has a rosdep key in package.xml."""
-    keys = read("package.xml")
-    key_names = {"pyyaml": "yaml", "lark": "lark-parser", "yourdfpy": "yourdfpy-pip"}
-    for name in map(requirement_name, tables[0]["project"]["dependencies"]):
-        assert f">python3-{key_names.get(name, name)}<" in keys, name
-
-
 def requirement_name(text):
     """Return the name of the package that a requirement names, in lower case."""
     return re.match(r"[\w.-]+", text)[0].lower()

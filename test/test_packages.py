@@ -1,4 +1,4 @@
-"""What setup.py and package.xml declare is what the code imports, and the commands of the README see both packages."""
+"""pyproject.toml and package.xml declare what the code imports; commands of the documentation see both packages."""
 
 import ast
 import os
@@ -15,20 +15,25 @@ import pytest
 from robot_dynamics.optional_packages import INSTALL_SOURCES
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
-FROM_PYPI_ALONE = {"rosbags", "mcap", "plotly", "clarabel"}  # a comment of package.xml says when they are needed
-KEYS = {"pyyaml": "python3-yaml", "lark": "python3-lark-parser", "yourdfpy": "python3-yourdfpy-pip"}
+INSTALLATION = (ROOT / "docs" / "how_to" / "install.md").read_text(encoding="utf-8")
+EXTRAS_WITH_A_KEY = {"matplotlib", "rosbags"}  # a comment of package.xml names the others
+KEYS = {
+    "pyyaml": "python3-yaml",
+    "lark": "python3-lark-parser",
+    "yourdfpy": "python3-yourdfpy-pip",
+    "rosbags": "python3-rosbags-pip",
+}
 
 
 @pytest.fixture(scope="module")
 def declared():
-    """Return the Distribution of setup.py."""
+    """Return the Distribution of setup.py and pyproject.toml, as colcon reads it."""
     pytest.importorskip("setuptools")  # whose distutils it is, from Python 3.12 on
     from distutils.core import run_setup
 
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(ROOT)
-        return run_setup("setup.py", stop_after="init")
+        return run_setup("setup.py", stop_after="config")
 
 
 def names(requirements):
@@ -61,30 +66,32 @@ def test_every_package_that_is_imported_is_declared(declared):
     for package, file in imported().items():
         assert package in INSTALL_SOURCES, f"{file} imports {package}, of which nothing says how it is installed"
         by_pip = INSTALL_SOURCES[package][0].partition("[")[0]
-        assert by_pip in names(required) | names(extra), f"{file} imports {package}, which setup.py does not declare"
+        assert by_pip in names(required) | names(extra), (
+            f"{file} imports {package}, which pyproject.toml does not declare"
+        )
 
 
-def test_package_xml_declares_what_setup_py_does(declared):
+def test_package_xml_declares_what_pyproject_does(declared):
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     keys = {element.text for element in manifest if element.tag in ("depend", "exec_depend")}
-    required = names(declared.install_requires)
-    assert FROM_PYPI_ALONE < required
-    expected = {KEYS.get(name, f"python3-{name}") for name in required - FROM_PYPI_ALONE}
+    required = names(declared.install_requires) | EXTRAS_WITH_A_KEY
+    assert EXTRAS_WITH_A_KEY <= names(name for more in declared.extras_require.values() for name in more)
+    expected = {KEYS.get(name, f"python3-{name}") for name in required}
     assert {key for key in keys if key.startswith("python3-")} == expected
 
 
 def clone_into(workspace):
-    """Copy this checkout to the folder into which the README clones it."""
-    (folder,) = re.findall(r"^git clone .* (src/\S+)$", README, re.MULTILINE)
+    """Copy this checkout to the folder into which the documentation clones it."""
+    (folder,) = re.findall(r"^git clone .* (src/\S+)$", INSTALLATION, re.MULTILINE)
     ignored = shutil.ignore_patterns(".*", "build", "install", "log", "__pycache__", "test", "docs")
     shutil.copytree(ROOT, workspace / folder, ignore=ignored)
 
 
 @pytest.mark.parametrize(("program", "option"), [("rosdep", "--from-paths"), ("colcon", "--base-paths")])
-def test_commands_of_the_readme_find_both_packages(program, option, tmp_path, monkeypatch):
+def test_commands_of_the_documentation_find_both_packages(program, option, tmp_path, monkeypatch):
     """Both programs search packages below each path, not inside a package."""
     packages = pytest.importorskip("catkin_pkg.packages", reason="catkin_pkg, by which rosdep looks, is not installed")
-    lines = [line for block in re.findall(r"```bash\n(.*?)```", README, re.DOTALL) for line in block.splitlines()]
+    lines = [line for block in re.findall(r"```bash\n(.*?)```", INSTALLATION, re.DOTALL) for line in block.splitlines()]
     (line,) = [line for line in lines if f"{program} " in line and option in line]
     words = shlex.split(line, comments=True)
     first = words.index(option) + 1
@@ -96,12 +103,12 @@ def test_commands_of_the_readme_find_both_packages(program, option, tmp_path, mo
     assert {package.name for package in packages.find_packages("src").values()} == {"robot_dynamics"}
 
 
-def test_rosdep_of_the_readme_resolves_every_key(tmp_path):
+def test_rosdep_of_the_documentation_resolves_every_key(tmp_path):
     """The real rosdep, as on Ubuntu 24.04 with Jazzy, where its index was downloaded (`rosdep update`)."""
     rosdep = shutil.which("rosdep")
     if rosdep is None or subprocess.run([rosdep, "db", "--rosdistro", "jazzy"], capture_output=True).returncode:
         pytest.skip("rosdep is not installed, or its index was not downloaded")
-    (setting, line) = re.search(r"^(\w+=1) (rosdep install .*)$", README, re.MULTILINE).groups()
+    (setting, line) = re.search(r"^(\w+=1) (rosdep install .*)$", INSTALLATION, re.MULTILINE).groups()
     clone_into(tmp_path)
     arguments = [*shlex.split(line)[1:], "--simulate", "--rosdistro", "jazzy", "--os", "ubuntu:noble"]
     environment = {**os.environ, **dict([setting.split("=")])}
@@ -111,4 +118,4 @@ def test_rosdep_of_the_readme_resolves_every_key(tmp_path):
     assert done.returncode == 0, done.stderr
     for package in ("python3-scipy", "python3-lark", "ros-jazzy-rclpy", "ros-jazzy-rosidl-default-generators"):
         assert f"apt-get install -y {package}\n" in done.stdout
-    assert "pip3 install -U yourdfpy" in done.stdout
+    assert all(f"pip3 install -U {package}" in done.stdout for package in ("yourdfpy", "rosbags"))

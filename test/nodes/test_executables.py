@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-SETUP = (ROOT / "setup.py").read_text()
-SCRIPTS = dict(re.findall(r'"([\w-]+) = (robot_dynamics\.[\w.]+:\w+)"', SETUP))
+PROJECT = (ROOT / "pyproject.toml").read_text()
+SCRIPTS = dict(re.findall(r'^([\w-]+) = "(robot_dynamics\.[\w.]+:\w+)"', PROJECT, re.MULTILINE))
 NODES = sorted(name for name, target in SCRIPTS.items() if "nodes" in target)
 ROS_INSTALLATION_HINT = """
 import sys
@@ -29,7 +29,7 @@ sys.meta_path.insert(0, Hidden())
 
 
 def script(name):
-    """The command of an executable, as pip writes it from setup.py."""
+    """The command of an executable, as pip writes it from pyproject.toml."""
     module, function = SCRIPTS[name].split(":")
     return [sys.executable, "-c", f"import sys; sys.argv[0] = {name!r}; from {module} import {function}; "
             f"sys.exit({function}())"]  # fmt: skip
@@ -76,7 +76,7 @@ def test_command_line_needs_no_ros(tmp_path):
 
 @pytest.mark.parametrize("name", ["robot-dynamics", "dynamics_server", "demo"])
 def test_version_is_that_of_the_package(name):
-    (version,) = re.findall(r'version="([\d.]+)"', SETUP)
+    (version,) = re.findall(r'^version = "([\d.]+)"', PROJECT, re.MULTILINE)
     assert re.findall(r"<version>(.*)</version>", (ROOT / "package.xml").read_text()) == [version]
     done = subprocess.run([*script(name), "--version"], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout) == (0, f"{name} {version}\n")

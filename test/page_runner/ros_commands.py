@@ -23,7 +23,7 @@ from rclpy.parameter import get_parameter_value
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import String
 
-from page_runner.background import READY, BackgroundNodes
+from page_runner.background import READY, BackgroundNodes, full_name
 from page_runner.messages import fill, interface_type, plain
 from robot_dynamics.nodes.client import ServiceClient
 
@@ -122,7 +122,11 @@ class RosCommands:
             raise UnknownCommandError(f"the runner has no launch files of {package}")
         folder = tempfile.mkdtemp(dir=self._folder.name)
         starts = started(file, arguments, folder)
-        return "".join(self._nodes.start(shlex.join([name, "--ros-args", *rest])) for name, rest in starts)
+        output = "".join(self._nodes.start(shlex.join([name, "--ros-args", *rest])) for name, rest in starts)
+        names = {name: full_name([name, *rest]) for name, rest in starts}
+        if {"computed_torque", "mobile_base_simulator"} <= set(names):  # a reader would see them run before going on
+            self._topic_echo([f"{names['computed_torque']}/state", "--once"])
+        return output
 
     # services and parameters
 
