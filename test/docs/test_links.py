@@ -4,7 +4,7 @@ import re
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from docs.built_site import DOCS
+from docs.built_site import DOCS, ROOT
 
 pytestmark = pytest.mark.slow
 
@@ -31,6 +31,21 @@ def test_internal_links_and_images_resolve(site):
     assert not broken
 
 
+def test_links_of_files_at_the_root_resolve(site):
+    """Files that readers see in the repository; the anchors are those of the built pages."""
+    for source in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "test" / "README.md"):
+        text = source.read_text(encoding="utf-8")
+        targets = [target for target in re.findall(r"\]\(([^)\s]+)\)", text) if not EXTERNAL.match(target)]
+        assert targets or source.parent != ROOT
+        for target in targets:
+            path, _, anchor = target.partition("#")
+            file = source.parent / path
+            assert file.exists(), f"{source.name}: {target}"
+            if anchor:
+                page = site.pages[str(file.resolve().relative_to(DOCS).with_suffix(""))]
+                assert page.xpath("//*[@id=$name]", name=anchor), f"{source.name}: {target}"
+
+
 def test_links_were_checked(site):
     links = [target for page in site.pages.values() for target in page.xpath("//article//@href")]
     assert sum(not EXTERNAL.match(target) for target in links) > 100
@@ -55,7 +70,6 @@ def test_every_page_is_reached_from_the_front_page(site):
 def test_index_of_each_section_links_each_of_its_pages_in_the_text(site):
     for section in ("tutorials", "how_to", "reference", "explanation"):
         names = {path.stem for path in (DOCS / section).glob("*.md")} - {"index"}
-        names = {name for name in names if not name.startswith("_incoming_")}
         article = site.article(f"{section}/index")
         targets = {urlsplit(target).path for target in article.xpath(".//li//a/@href")}
         assert {f"{name}.html" for name in names} <= targets
