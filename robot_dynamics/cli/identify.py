@@ -16,7 +16,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
-from robot_dynamics.cli.output_files import YAML_ENDINGS, YAML_HINT, check_ending, write_text
+from robot_dynamics.cli.output_files import (
+    YAML_ENDINGS,
+    YAML_HINT,
+    allow_closed_stdout,
+    check_ending,
+    check_writable,
+    write_text,
+)
 from robot_dynamics.cli.payload_arguments import add_gain_arguments, parse_known_payloads
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
 from robot_dynamics.errors import RecordingError
@@ -91,6 +98,8 @@ def run(arguments: Namespace) -> None:
     for option, path in (("--output", arguments.output), ("--output-drives", arguments.output_drives)):
         if path is not None:
             check_ending(path, YAML_ENDINGS, option, YAML_HINT)
+    for path in filter(None, (arguments.output, arguments.output_drives, arguments.json)):
+        check_writable(path)
     dynamics, recordings = open_recordings(arguments, [*arguments.recordings, *arguments.validate])
     if not 0 <= arguments.hold_out < MAX_HOLD_OUT:
         raise RecordingError(f"--hold-out {arguments.hold_out:g}: a part of 0 to {MAX_HOLD_OUT} is needed")
@@ -109,16 +118,19 @@ def run(arguments: Namespace) -> None:
         consistent = fit_consistent_robot(fit) if writes_robot else None
         consistent_quality = None if consistent is None else samples.quality(consistent.values)
     essential = select_essential_parameters(fit)
-    print_fit(fit, essential, consistent_quality)
-    if gains is not None:
-        print_gains(gains)
-    if consistent is not None and arguments.output:
-        write_text(arguments.output, write_mdh_yaml(consistent.robot))
-    if consistent is not None and arguments.output_drives:
-        write_text(arguments.output_drives, write_drives(consistent.drives))
-    if arguments.json:
-        results = as_dict(fit, essential, consistent_quality, gains)
-        write_text(arguments.json, json.dumps(results, indent=1) + "\n")
+    try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the results are printed
+        if consistent is not None and arguments.output:
+            write_text(arguments.output, write_mdh_yaml(consistent.robot))
+        if consistent is not None and arguments.output_drives:
+            write_text(arguments.output_drives, write_drives(consistent.drives))
+        if arguments.json:
+            results = as_dict(fit, essential, consistent_quality, gains)
+            write_text(arguments.json, json.dumps(results, indent=1) + "\n")
+    finally:
+        with allow_closed_stdout():
+            print_fit(fit, essential, consistent_quality)
+            if gains is not None:
+                print_gains(gains)
 
 
 def identify(

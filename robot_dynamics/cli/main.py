@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import os
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -75,7 +74,7 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
 
 def run_verb(parsed: argparse.Namespace) -> int:
     """Run the verb of parsed arguments, print its errors to stderr, and return the exit status."""
-    from robot_dynamics.cli.output_files import refuse_overwriting
+    from robot_dynamics.cli.output_files import discard_stdout, refuse_overwriting
 
     prefix = f"robot-dynamics {parsed.verb}"
     try:
@@ -89,7 +88,7 @@ def run_verb(parsed: argparse.Namespace) -> int:
         print(missing_package_error(error, prefix), file=sys.stderr)
         return 1
     except BrokenPipeError:  # the reader of stdout, such as a pager or head, has closed the pipe
-        _discard_stdout()
+        discard_stdout()
         return 1
     except KeyboardInterrupt:
         print(f"{prefix}: interrupted", file=sys.stderr)
@@ -97,14 +96,9 @@ def run_verb(parsed: argparse.Namespace) -> int:
     except OSError as error:  # such as a full disk behind a redirection
         file = "" if error.filename is None else f"{error.filename}: "
         print(f"{prefix}: {file}{error.strerror}", file=sys.stderr)
-        _discard_stdout()
+        discard_stdout()
         return 1
     return status or 0
-
-
-def _discard_stdout() -> None:
-    """Redirect stdout to the null device, so that flushing it at exit does not fail."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

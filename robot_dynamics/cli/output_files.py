@@ -1,5 +1,8 @@
-"""Files that verbs write: their endings, their folders, and the protection of input files."""
+"""What verbs write: files, their endings and folders, the protection of input files, and a closed standard output."""
 
+import os
+import sys
+import tempfile
 from argparse import Namespace
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -54,11 +57,38 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def check_writable(path: str | Path) -> None:
-    """Check before a long computation that its result can be written. Raises RobotDynamicsError."""
-    with output_file(path) as file, file.open("ab"):
-        pass
-    if not file.stat().st_size:
-        file.unlink()
+    """Check before a long computation that its result can be written to a file. Raises RobotDynamicsError."""
+    with output_file(path) as file:
+        existed = file.exists()
+        if existed and not file.is_file() and not file.is_dir():
+            return  # a pipe or a device: opening it would be seen at its other end
+        with file.open("ab"):
+            pass
+        if not existed:
+            file.unlink()
+
+
+def check_writable_folder(path: str | Path) -> None:
+    """Create a folder, and check that files can be written to it. Raises RobotDynamicsError."""
+    with output_file(path) as folder:
+        folder.mkdir(exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+
+
+@contextmanager
+def allow_closed_stdout() -> Iterator[None]:
+    """Print in the block, also where the reader of stdout, such as a pager or `head`, has closed the pipe."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        discard_stdout()
+
+
+def discard_stdout() -> None:
+    """Redirect stdout to the null device, so that flushing it at exit does not fail."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def refuse_overwriting(arguments: Namespace) -> None:

@@ -1,8 +1,8 @@
 """Check recordings against the model of a robot: compare measured with predicted efforts.
 
 The table has one row for each joint: its verdict, the RMS of the residual (measured minus predicted effort), and the
-largest RMS that is tolerated. A report (one HTML file), figures (PNG) and JSON are written on request. Several
-recordings are checked one by one and summarised.
+largest RMS that is tolerated. Reports (HTML), figures (PNG) and JSON are written on request, before the table is
+printed. Several recordings are checked one by one and summarised.
 
 The exit status is 0 if all joints of all recordings pass; 3 if a tolerance is exceeded, predictions differ from a
 golden bag, or --faults identifies a fault; 1 if no check failed but a recording or another file could not be read.
@@ -16,15 +16,15 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
-from robot_dynamics.cli.output_files import write_text
+from robot_dynamics.cli.output_files import allow_closed_stdout, check_writable, check_writable_folder, write_text
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
 from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
-from robot_dynamics.errors import RecordingError
+from robot_dynamics.errors import InvalidInputError, RecordingError, RobotDynamicsError
 
 if TYPE_CHECKING:
     from robot_dynamics.checking.batch_check import CheckOptions, JointSummary, Outcome
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 NAME = "replay-check"
 EXIT_CHECK_FAILED = 3
+REPORT_ENDING = ".html"
 TABLE_HEADER = [
     "joint",
     "verdict",
@@ -62,10 +63,15 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--report",
-        metavar="FILE.html",
-        help="write a report that opens in a browser; for several recordings, the name of a folder of reports",
+        metavar="PATH",
+        help="write reports that open in a browser: the name of a folder, with a report for each recording, or for one "
+        "recording a file that ends in .html",
     )
-    parser.add_argument("--pictures", metavar="FOLDER", help="write the figures of the report as PNG files")
+    parser.add_argument(
+        "--pictures",
+        metavar="FOLDER",
+        help="write the figures of the report as PNG files; those of several recordings in folders of their own",
+    )
     parser.add_argument(
         "--write-golden", metavar="FOLDER", help="write the predicted efforts as a bag with the topic /predicted_effort"
     )
@@ -80,7 +86,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="identify the fault that explains the residuals, and its onset; a fault fails the check. The model "
         "must fit the recording before the fault",
     )
-    parser.add_argument("--json", metavar="FILE", help="write all results as JSON")
+    parser.add_argument("--json", metavar="FILE", help="write all results as JSON, one entry for each recording")
 
 
 def run(arguments: Namespace) -> int:
@@ -92,41 +98,112 @@ def run(arguments: Namespace) -> int:
         from robot_dynamics.checking.report import import_plotly
 
         import_plotly("graph_objects")  # fails before the computation if plotly is missing
+    files = _OutputFiles.plan(arguments, paths)
     with open_executor(arguments) as executor:
         if len(paths) == 1 and executor is None:
-            return _check_one(arguments)
-        return _check_many(arguments, paths, executor)
+            return _check_one(arguments, paths[0], files)
+        return _check_many(arguments, paths, files, executor)
 
 
-def _check_one(arguments: Namespace) -> int:
-    dynamics, (recording,) = open_recordings(arguments, arguments.recordings[:1])
-    from robot_dynamics.checking.batch_check import Outcome, check_recording
+@dataclass(frozen=True)
+class _OutputFiles:
+    """The files that the verb writes.
+
+    Attributes
+    ----------
+    json : path of the JSON file; None: it is not written.
+    reports : path of the report of each recording; empty: none is written.
+    pictures : folder of the pictures of each recording; empty: none are written.
+    """
+
+    json: str | None
+    reports: dict[str, Path]
+    pictures: dict[str, Path]
+
+    @classmethod
+    def plan(cls, arguments: Namespace, paths: Sequence[str]) -> _OutputFiles:
+        """Name the files, and check before the computation that they can be written. Raises RobotDynamicsError."""
+        names = _output_names(paths)
+        reports: dict[str, Path] = {}
+        pictures: dict[str, Path] = {}
+        if arguments.report:
+            target = Path(arguments.report)
+            is_file = target.suffix.lower() == REPORT_ENDING and not target.is_dir()
+            if is_file and len(paths) > 1:
+                raise InvalidInputError(
+                    f"--report {target}: each of {len(paths)} recordings has a report: name a folder, without "
+                    f"{REPORT_ENDING}"
+                )
+            (check_writable if is_file else check_writable_folder)(target)
+            reports = {path: target if is_file else target / f"{name}{REPORT_ENDING}" for path, name in names.items()}
+        if arguments.pictures:
+            folder = Path(arguments.pictures)
+            check_writable_folder(folder)
+            pictures = {path: folder if len(paths) == 1 else folder / name for path, name in names.items()}
+        if arguments.json:
+            check_writable(arguments.json)
+        return cls(arguments.json, reports, pictures)
+
+    def write_figures(self, path: str, result: CheckResult) -> None:
+        """Write the report and the pictures of the recording at a path, those that are wanted."""
+        if path in self.reports:
+            from robot_dynamics.checking.report import html_report
+
+            write_text(self.reports[path], html_report(result))
+        if path in self.pictures:
+            from robot_dynamics.checking.figures import write_figures
+
+            write_figures(result, self.pictures[path])
+
+    def write_json(self, recordings: Sequence[dict[str, object]], joints: Sequence[JointSummary]) -> None:
+        """Write the results of recordings, one or more, and the summaries of their joints as JSON."""
+        if self.json:
+            figures = {
+                "format": 1,
+                "passed": all(recording["passed"] for recording in recordings),
+                "recordings": recordings,
+                "joints": [asdict(joint) for joint in joints],
+            }
+            write_text(self.json, json.dumps(figures, indent=1) + "\n")
+
+
+def _check_one(arguments: Namespace, path: str, files: _OutputFiles) -> int:
+    dynamics, _ = open_recordings(arguments, [])
+    from robot_dynamics.checking.batch_check import Outcome, check_recording, summarize_joints
     from robot_dynamics.checking.golden_bags import GoldenComparison, GoldenWriter
     from robot_dynamics.cli.progress import progress_wrapper
+    from robot_dynamics.recordings.drives import load_drives
 
-    options = _check_options(arguments, dynamics, recording.drives)
-    golden = GoldenComparison(arguments.golden, dynamics.joint_names) if arguments.golden else None
-    progress = progress_wrapper(recording.message_count, recording.name)
-    with ExitStack() as stack:
-        callbacks = [golden.add] if golden else []
-        if arguments.write_golden:
-            writer = stack.enter_context(GoldenWriter(arguments.write_golden, dynamics.joint_names))
-            callbacks.append(writer.add)
-        result, fault = check_recording(recording, options, progress=progress, callbacks=callbacks)
+    options = _check_options(arguments, dynamics, load_drives(arguments.drives, dynamics.joint_names))
+    try:
+        _, (recording,) = open_recordings(arguments, [path])
+        golden = GoldenComparison(arguments.golden, dynamics.joint_names) if arguments.golden else None
+        progress = progress_wrapper(recording.message_count, recording.name)
+        with ExitStack() as stack:
+            callbacks = [golden.add] if golden else []
+            if arguments.write_golden:
+                writer = stack.enter_context(GoldenWriter(arguments.write_golden, dynamics.joint_names))
+                callbacks.append(writer.add)
+            result, fault = check_recording(recording, options, progress=progress, callbacks=callbacks)
+    except RobotDynamicsError as error:
+        files.write_json([Outcome(path, error=str(error)).as_dict()], [])
+        raise
     differences = list(golden.failures) if golden else []
-    passed = Outcome(recording.name, result, fault).passed and not differences
+    outcome = Outcome(path, replace(result, recording=path), fault)
+    passed = outcome.passed and not differences
     sentences = differences or ([golden.agreement] if golden else [])
     if arguments.faults:
         sentences = [*sentences, f"fault: {fault.sentence}" if fault else "no fault found"]
-    print(format_check(result, passed, sentences))
-    if arguments.json:
-        figures = {**result.as_dict(), "passed": passed, "fault": fault and asdict(fault), "golden": differences}
-        write_text(arguments.json, json.dumps(figures, indent=1) + "\n")
-    _write_figures(result, arguments.report, arguments.pictures)
+    try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the result is printed
+        files.write_json([{**outcome.as_dict(), "passed": passed, "golden": differences}], summarize_joints([outcome]))
+        files.write_figures(path, result)
+    finally:
+        with allow_closed_stdout():
+            print(format_check(result, passed, sentences))
     return 0 if passed else EXIT_CHECK_FAILED
 
 
-def _check_many(arguments: Namespace, paths: Sequence[str], executor: Executor | None) -> int:
+def _check_many(arguments: Namespace, paths: Sequence[str], files: _OutputFiles, executor: Executor | None) -> int:
     if arguments.golden or arguments.write_golden:
         raise RecordingError("--golden and --write-golden cannot be combined with --jobs or --scheduler")
     dynamics, _ = open_recordings(arguments, [])
@@ -135,30 +212,21 @@ def _check_many(arguments: Namespace, paths: Sequence[str], executor: Executor |
     from robot_dynamics.recordings.drives import load_drives
 
     options = _check_options(arguments, dynamics, load_drives(arguments.drives, dynamics.joint_names))
-    names = _output_names(paths)
     progress = progress_wrapper(len(paths), "recordings", unit=" recordings")
     outcomes: list[Outcome] = []
     for outcome in progress(check_recordings(paths, options, executor)):
-        name = names[outcome.recording]
         if outcome.check is not None:
-            report = Path(arguments.report) / f"{name}.html" if arguments.report else None
-            pictures = Path(arguments.pictures) / name if arguments.pictures else None
-            _write_figures(outcome.check, report, pictures)
+            files.write_figures(outcome.recording, outcome.check)
         outcomes.append(outcome)
     joints = summarize_joints(outcomes) if any(outcome.check for outcome in outcomes) else []
-    print_outcomes(outcomes, joints)
-    all_passed = all(outcome.passed for outcome in outcomes)
-    if arguments.json:
-        figures = {
-            "format": 1,
-            "passed": all_passed,
-            "recordings": [outcome.as_dict() for outcome in outcomes],
-            "joints": [asdict(joint) for joint in joints],
-        }
-        write_text(arguments.json, json.dumps(figures, indent=1) + "\n")
+    try:  # as for one recording
+        files.write_json([{**outcome.as_dict(), "golden": []} for outcome in outcomes], joints)
+    finally:
+        with allow_closed_stdout():
+            print_outcomes(outcomes, joints)
     if any(outcome.check is not None and not outcome.passed for outcome in outcomes):
         return EXIT_CHECK_FAILED
-    return 0 if all_passed else 1
+    return 0 if all(outcome.passed for outcome in outcomes) else 1
 
 
 def _check_options(arguments: Namespace, dynamics: Dynamics, drives: Drives) -> CheckOptions:
@@ -178,17 +246,6 @@ def _output_names(paths: Sequence[str]) -> dict[str, str]:
     return {
         path: os.path.relpath(full, folder).replace(os.sep, "-") for path, full in zip(paths, absolute, strict=True)
     }
-
-
-def _write_figures(result: CheckResult, report_path: str | Path | None, pictures_path: str | Path | None) -> None:
-    if report_path:
-        from robot_dynamics.checking.report import html_report
-
-        write_text(report_path, html_report(result))
-    if pictures_path:
-        from robot_dynamics.checking.figures import write_figures
-
-        write_figures(result, Path(pictures_path))
 
 
 def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) -> None:

@@ -115,8 +115,9 @@ class Bag:
                 raise RecordingError(f"{self.path}: topic {topic} is {self.topics[topic]}: {JOINT_STATE} is needed")
         topics = list(requested) or [topic for topic, kind in self.topics.items() if kind == JOINT_STATE]
         if not topics:
-            content = "; ".join([*self.notes, *(f"{topic}: {kind}" for topic, kind in self.topics.items())])
-            raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {content[:500] or 'nothing'}")
+            content = "; ".join(f"{topic}: {kind}" for topic, kind in self.topics.items())[:500]
+            notes = "".join(f". {note}" for note in self.notes)
+            raise RecordingError(f"{self.path} has no topic of {JOINT_STATE}. It has: {content or 'no topics'}{notes}")
         return sorted(topics, key=lambda topic: (not topic.endswith("joint_states"), topic))
 
     def base_topics(self, requested: Collection[str] = ()) -> list[str]:

@@ -7,6 +7,7 @@ from argparse import Namespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from peers.closed_pipe import run_with_closed_stdout
 from peers.real_robots import real_urdf, without_inertials
 from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_motion, uneven_times, write_bag
 
@@ -58,6 +59,13 @@ def test_short_pieces_between_gaps_are_left_out_and_reported(bags, tmp_path, cap
     parameters = json.loads(figures.read_text())["parameters"]
     friction = [parameter["value"] for parameter in parameters if parameter["name"][:2] == "Fv"]
     assert friction == pytest.approx([1.5] * 7, abs=0.15)
+
+
+def test_closed_pipe_keeps_the_files(bags, tmp_path):
+    files = tmp_path / "fitted.yaml", tmp_path / "drives.yaml", tmp_path / "fit.json"
+    outputs = "--output", files[0], "--output-drives", files[1], "--json", files[2]
+    assert run_with_closed_stdout("identify", bags[0], "--robot", "panda", *outputs) == (0, "")
+    assert [file.stat().st_size > 100 for file in files] == [True] * 3
 
 
 @pytest.mark.slow

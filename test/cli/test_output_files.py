@@ -1,9 +1,11 @@
 """Endings of output files: one check and one message for all verbs that write files of fixed formats."""
 
+import os
+
 import pytest
 
 from robot_dynamics.cli.main import main
-from robot_dynamics.cli.output_files import check_ending
+from robot_dynamics.cli.output_files import check_ending, check_writable
 from robot_dynamics.errors import InvalidInputError
 
 
@@ -39,3 +41,14 @@ def test_endings_are_compared_without_case():
     assert check_ending("folder/Robot.YAML", (".yaml", ".yml")) == ".yaml"
     with pytest.raises(InvalidInputError, match=r"must end with \.csv"):
         check_ending("table", [".csv"])
+
+
+def test_check_before_the_work_changes_no_file(tmp_path):
+    empty, full, new, pipe = (tmp_path / name for name in ("empty", "full", "new/new", "pipe"))
+    empty.touch()
+    full.write_text("text")
+    os.mkfifo(pipe)  # without a reader: opening it would wait
+    for path in (empty, full, new, pipe):
+        check_writable(path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "full", "new", "pipe"]
+    assert full.read_text() == "text" and not new.exists() and pipe.is_fifo()

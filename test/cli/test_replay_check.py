@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from peers.closed_pipe import run_with_closed_stdout
 from peers.recorded import BEGINNING, JOINTS, messages, panda_motion, store, write_bag
 
 from robot_dynamics.cli.main import main
@@ -43,11 +44,13 @@ def test_json_and_pictures_agree_with_the_check(tmp_path, capsys):
     bag = write_bag(tmp_path / "bad", messages(faulty()))
     assert run(bag, "--robot", "panda", "--json", tmp_path / "out" / "check.json", "--pictures", tmp_path / "png") == 3
     results = json.loads((tmp_path / "out" / "check.json").read_text())
-    assert results["passed"] is False and results["since"] == 7.0
-    assert [joint["joint"] for joint in results["joints"] if not joint["passed"]] == ["panda_joint4"]
+    assert results["passed"] is False and results["joints"][3]["failed"] == [str(bag)]
+    (result,) = results["recordings"]
+    assert result["recording"] == str(bag) and result["since"] == 7.0
+    assert [joint["joint"] for joint in result["joints"] if not joint["passed"]] == ["panda_joint4"]
     residual = np.zeros(1174)  # without 13 samples at each end, which the filter needs
     residual[687:] = 10
-    assert results["joints"][3]["rms"] == pytest.approx(np.sqrt((residual**2).mean()), rel=0.02)
+    assert result["joints"][3]["rms"] == pytest.approx(np.sqrt((residual**2).mean()), rel=0.02)
     for name in ("efforts", "histograms", "friction"):
         picture = imread(tmp_path / "png" / f"{name}.png")
         assert picture.shape[1] > 1000 and picture[..., :3].std() > 0.05
@@ -79,6 +82,57 @@ def test_exit_status_is_1_for_recordings_that_cannot_be_checked(tmp_path, capsys
         assert expected in capsys.readouterr().err
 
 
+def test_a_recording_that_cannot_be_read_is_in_the_json(tmp_path, capsys):
+    figures = tmp_path / "check.json"
+    assert run(tmp_path / "nowhere", "--robot", "panda", "--json", figures) == 1
+    assert "does not exist" in capsys.readouterr().err
+    results = json.loads(figures.read_text())
+    (result,) = results["recordings"]
+    assert results["passed"] is False and results["joints"] == []
+    assert result["passed"] is None and "does not exist" in result["refused"]
+
+
+@pytest.mark.slow
+def test_outputs_have_one_form_with_and_without_jobs(tmp_path, capsys):
+    bag = write_bag(tmp_path / "good", messages(MOTION))
+    reports = tmp_path / "reports"
+    assert run(bag, "--robot", "panda", "--report", reports, "--json", tmp_path / "alone.json") == 0
+    assert [path.name for path in reports.iterdir()] == ["good.html"]
+    (reports / "good.html").unlink()
+    assert run(bag, "--robot", "panda", "--report", reports, "--json", tmp_path / "jobs.json", "--jobs", "1") == 0
+    assert [path.name for path in reports.iterdir()] == ["good.html"]
+    assert json.loads((tmp_path / "alone.json").read_text()) == json.loads((tmp_path / "jobs.json").read_text())
+    assert run(bag, "--robot", "panda", "--report", tmp_path / "good.HTML", "--jobs", "1") == 0
+    assert (tmp_path / "good.HTML").is_file()
+    capsys.readouterr()
+
+
+def test_outputs_that_cannot_be_written_are_refused_before_the_check(tmp_path, capsys, monkeypatch):
+    def checked(*_, **__):
+        raise AssertionError("the recording was read")
+
+    monkeypatch.setattr("robot_dynamics.checking.batch_check.check_recording", checked)
+    bag = write_bag(tmp_path / "good", messages(MOTION)[:20])
+    file = tmp_path / "file"
+    file.touch()
+    for arguments, expected in (
+        (["--json", tmp_path], "Is a directory"), (["--json", file / "check.json"], "File exists"),
+        (["--report", file], "File exists"), (["--report", file / "report.html"], "File exists"),
+        (["--pictures", file], "File exists"),
+        ([tmp_path / "other", "--report", tmp_path / "report.html"], "name a folder, without .html"),
+    ):  # fmt: skip
+        assert run(bag, *arguments, "--robot", "panda") == 1
+        assert expected in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "good"] and file.read_bytes() == b""
+
+
+@pytest.mark.parametrize("jobs", [[], ["--jobs", "1"]])
+def test_closed_pipe_keeps_the_files_and_the_verdict(jobs, tmp_path):
+    bag, figures = write_bag(tmp_path / "bad", messages(faulty())), tmp_path / "check.json"
+    assert run_with_closed_stdout("replay-check", bag, "--robot", "panda", "--json", figures, *jobs) == (3, "")
+    assert json.loads(figures.read_text())["passed"] is False
+
+
 @pytest.mark.parametrize("verb", ["replay-check", "identify"])
 def test_robots_with_unactuated_joints_are_refused_before_reading(verb, capsys):
     assert main([verb, "nowhere.csv", "--robot", "manutec_r3"]) == 1
@@ -107,7 +161,9 @@ def test_golden_bag_contains_the_predictions_and_detects_changes(tmp_path, capsy
     assert "panda_joint4: predicted effort differs from the golden bag" in printed and printed.endswith("\nFAILED\n")
     assert "predicted efforts are those" not in printed and "\npassed" not in printed
     results = json.loads(figures.read_text())
-    assert results["passed"] is False and any("panda_joint4" in difference for difference in results["golden"])
+    assert results["passed"] is False and any(
+        "panda_joint4" in difference for difference in results["recordings"][0]["golden"]
+    )
     for arguments, expected in (
         (["--write-golden", golden], "exists already"), (["--golden", bag], "unknown topic '/predicted_effort'"),
         (["--golden", golden, "--cutoff", "5"], "stamps differ"), (["--golden", "nogolden"], "nogolden does not exist"),

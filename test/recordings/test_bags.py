@@ -92,6 +92,14 @@ def test_bag_reads_the_rest_of_a_truncated_file(tmp_path, long_bag, tenth):
     assert len(bag_positions) > (tenth / 10 - (0.35 if storage == "mcap" else 0.1)) * len(long.q)
 
 
+def test_bag_without_a_complete_chunk_has_no_topics(tmp_path):
+    content = storage_file(write_bag(tmp_path / "run", messages(MOTION))).read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(content[:2000])
+    with pytest.raises(RecordingError, match=r"It has: no topics\. cut\.mcap is incomplete .*: it is read as MCAP"):
+        Bag(cut).joint_topics()
+
+
 def test_bag_reads_a_database_that_was_not_closed_with_its_log(tmp_path):
     """`rosbags` does not read messages that are in the write-ahead log only."""
     file = storage_file(write_bag(tmp_path / "run", messages(MOTION)[:100], "sqlite3"))
