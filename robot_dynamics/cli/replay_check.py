@@ -159,7 +159,7 @@ class _OutputFiles:
         """Write the results of recordings, one or more, and the summaries of their joints as JSON."""
         if self.json:
             figures = {
-                "format": 1,
+                "format": 2,
                 "passed": all(recording["passed"] for recording in recordings),
                 "recordings": recordings,
                 "joints": [asdict(joint) for joint in joints],
