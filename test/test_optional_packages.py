@@ -156,6 +156,12 @@ def test_shipped_robots_are_listed_without_yourdfpy():
         ),
         (
             "matplotlib",
+            ["replay-check", "CSV", "--robot", "rx90", "--pictures", "NEW"],
+            "--pictures needs matplotlib, which is not installed: pip install matplotlib, part of the extra "
+            "robot_dynamics[plots], or sudo apt install python3-matplotlib",
+        ),
+        (
+            "matplotlib",
             ["map", "gough_stewart", "--over", "x:0:1:3", "--output", "NEW.png"],
             "robot-dynamics map needs matplotlib, which is not installed: pip install matplotlib, part of the extra "
             "robot_dynamics[plots], or sudo apt install python3-matplotlib",

@@ -25,6 +25,7 @@ from robot_dynamics.cli.output_files import allow_closed_stdout, check_writable,
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
 from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
 from robot_dynamics.errors import InvalidInputError, RecordingError, RobotDynamicsError
+from robot_dynamics.optional_packages import import_optional
 
 if TYPE_CHECKING:
     from robot_dynamics.checking.batch_check import CheckOptions, JointSummary, Outcome
@@ -98,6 +99,8 @@ def run(arguments: Namespace) -> int:
         from robot_dynamics.checking.report import import_plotly
 
         import_plotly("graph_objects")  # fails before the computation if plotly is missing
+    if arguments.pictures:
+        import_optional("matplotlib.figure", "--pictures")
     files = _OutputFiles.plan(arguments, paths)
     with open_executor(arguments) as executor:
         if len(paths) == 1 and executor is None:
