@@ -246,6 +246,8 @@ def test_parameters_that_do_not_fit_the_robot_are_an_error(start_controller):
     level, message, _ = controller.diagnostics[-1]
     assert level == ERROR
     assert "not configured: parameter joints: unknown joint 'panda_joint9'" in message
+    assert controller.set_parameters(joints=PANDA).successful
+    controller.stream_until_steady()
 
 
 def test_states_of_another_clock_before_the_simulated_time_are_refused_by_name(start_controller):
