@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
 from robot_dynamics.codegen.program_calls import evaluate_model
 from robot_dynamics.constraints.closure_solver import ClosureSolver
-from robot_dynamics.errors import InvalidInputError, describe_unknown_name
+from robot_dynamics.errors import InvalidInputError, UnavailableModelError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
 from robot_dynamics.inputs import Base
@@ -166,7 +166,7 @@ class Dynamics(JointDynamics):
         Raises InvalidInputError for a robot without a platform.
         """
         if not self.robot.platforms:
-            raise InvalidInputError(f"{self.robot.name!r} has no platform: use the joints")
+            raise UnavailableModelError(f"{self.robot.name!r} has no platform: use the joints")
         return self._platform_dynamics(*self.robot.platforms)
 
     @cached_property

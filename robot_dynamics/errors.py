@@ -18,6 +18,10 @@ class InvalidInputError(RobotDynamicsError):
     """An input does not fit the robot: wrong names, shapes or values."""
 
 
+class UnavailableModelError(InvalidInputError, AttributeError):
+    """A robot has no model of this kind; an AttributeError too, so that `hasattr` returns False."""
+
+
 class SingularModelError(RobotDynamicsError):
     """A model has no solution: no inertia resists some motion, or no equilibrium exists near the initial guess."""
 

@@ -16,7 +16,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "matplotlib": ("matplotlib", "python3-matplotlib", "plots"),
     "mcap": ("mcap", None, "bags"),
     "numpy": ("numpy", "python3-numpy", None),
-    "plotly": ("plotly", None, "plots"),  # the package of Debian and Ubuntu lacks the script that pages need
+    "plotly": ("plotly", None, "view"),  # the package of Debian and Ubuntu lacks the script that pages need
     "rosbags": ("rosbags", None, "bags"),
     "scipy": ("scipy", "python3-scipy", None),
     "tabulate": ("tabulate", "python3-tabulate", None),

@@ -134,14 +134,13 @@ def test_shipped_robots_are_listed_without_yourdfpy():
         (
             "plotly",
             ["replay-check", "CSV", "--robot", "rx90", "--report", "NEW.html"],
-            "a report needs plotly, which is not installed: pip install plotly"
-            ", part of the extra robot_dynamics[plots]",
+            "a report needs plotly, which is not installed: pip install plotly, part of the extra robot_dynamics[view]",
         ),
         (
             "plotly",
             ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
             "a picture in HTML needs plotly, which is not installed: pip install plotly"
-            ", part of the extra robot_dynamics[plots]",
+            ", part of the extra robot_dynamics[view]",
         ),
         (
             "clarabel",

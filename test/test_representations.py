@@ -2,7 +2,7 @@
 
 import pytest
 
-from robot_dynamics import Dynamics, load_robot
+from robot_dynamics import Dynamics, InvalidInputError, load_robot
 from robot_dynamics.codegen.jit.python_program import PythonProgram
 
 MAST = """
@@ -21,6 +21,14 @@ def test_models_name_their_robot(hexapod):
     assert repr(hexapod) == "Dynamics(Robot('gough_stewart', 24 joints, fixed base))"
     assert repr(hexapod.platform) == "PlatformDynamics(Robot('gough_stewart', 24 joints, fixed base), 'platform')"
     assert repr(Dynamics(load_robot(MAST)).robot) == "Robot('mast', 1 joints, fixed base)"
+
+
+def test_models_that_a_robot_has_not_are_no_attributes(hexapod):
+    arm = Dynamics(load_robot("rx90"))
+    assert hasattr(hexapod, "platform") and not hasattr(arm, "platform")
+    assert hasattr(arm, "flexible_arm") and not hasattr(hexapod, "flexible_arm")
+    with pytest.raises(InvalidInputError, match="has no platform: use the joints"):
+        _ = arm.platform
 
 
 def test_programs_name_their_inputs_and_operations():

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result, require_finite
-from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.errors import InvalidInputError, UnavailableModelError
 from robot_dynamics.flexible.block_recursion import solve, sweep_forward
 from robot_dynamics.flexible.structure import nearest_node
 from robot_dynamics.flexible.structure_builder import build_structure
@@ -357,7 +357,7 @@ def _refuse_unsupported(robot: Robot) -> None:
     }
     for feature, is_present in unsupported.items():
         if is_present:
-            raise InvalidInputError(
+            raise UnavailableModelError(
                 f"{robot.name!r} has {feature}: flexible links are simulated only in chains and trees of independent "
                 "joints on a fixed base. For natural frequencies use `Dynamics.elastodynamics`"
             )

@@ -1,13 +1,13 @@
 """Inverse dynamic model by augmented bodies (Renaud), for trees: the recursion with the fewest operations.
 
-The augmented body j is link j and, for each revolute joint k whose antecedent it is, the mass m*_k of the whole subtree
-of this joint, as a point at O_k. Its moments are constant, so that masses multiply accelerations once for each link and
-not once for each pair of links. The backward pass transmits only
+The augmented body j is link j and, for each revolute joint k whose antecedent it is, a point mass m*_k at O_k: the mass
+of the subtree of this joint up to the next prismatic joints. Its moments are constant, so that masses multiply
+accelerations once for each link and not once for each pair of links. The backward pass transmits only
 
     e_j = f_j - m*_j α_j,   α_j the acceleration of O_j with gravity subtracted
 
-since the moments of the augmented body below contain the other part already. A prismatic joint moves its point mass: it
-transmits the whole f_j, which costs less than moments that vary.
+since the moments of the augmented body below contain the other part already. A prismatic joint would move its point
+mass: the augmented body ends there, and the joint transmits the whole f_j.
 
 With B_j = [ω̇_j] + [ω_j][ω_j] ([·] the matrix of the vector product) a point at r has the acceleration α_j + B_j r.
 

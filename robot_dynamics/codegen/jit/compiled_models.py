@@ -218,4 +218,4 @@ def _warn_once(reason: str) -> None:
     if reason not in _logged_warnings:
         _logged_warnings.add(reason)
         hint = install_hint("llvmlite")
-        logger.warning("models run as Python, some ten times slower than compiled: %s: %s", reason, hint)
+        logger.warning("models run as Python, slower than compiled: %s: %s", reason, hint)
