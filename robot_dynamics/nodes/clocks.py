@@ -2,20 +2,13 @@
 
 from rclpy.node import Node
 
+from robot_dynamics.nodes.publisher_names import find_publishers, join_other_names
+
 CLOCK_TOPIC = "/clock"
 REMEDY = (
     "let one of them publish (publish_clock:=false for the others), or give each its own topic (-r /clock:=clock in "
     "its namespace)"
 )
-
-
-def find_clock_publishers(node: Node) -> list[str]:
-    """Return the fully qualified names, sorted, of the nodes that publish /clock, as the node has it remapped.
-
-    A node with many publishers is in it as many times.
-    """
-    endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(CLOCK_TOPIC))
-    return sorted(f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" for endpoint in endpoints)
 
 
 class ClockMonitor:
@@ -38,7 +31,7 @@ class ClockMonitor:
 
     def _find_conflict(self) -> str:
         node = self._node
-        names = find_clock_publishers(node)
+        names = find_publishers(node, CLOCK_TOPIC)
         own_name = node.get_fully_qualified_name()
         topic = node.resolve_topic_name(CLOCK_TOPIC)
         publishes = own_name in names
@@ -46,6 +39,5 @@ class ClockMonitor:
             return ""
         if not publishes:
             return f"{topic} is published by {' and '.join(names)}, so that time jumps between theirs: {REMEDY}"
-        names.remove(own_name)
-        others = " and ".join("another node of the same name" if name == own_name else name for name in names)
+        others = join_other_names(names, own_name)
         return f"{topic} is published by {others} as well, so that time jumps between theirs and ours: {REMEDY}"

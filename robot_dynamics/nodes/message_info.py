@@ -6,7 +6,8 @@ from typing import Any, TypeAlias
 
 MessageInfo: TypeAlias = dict[str, int]
 """source_timestamp and received_timestamp [ns since the epoch], by the clocks of the publisher's and of this machine;
-zero if the middleware does not have them."""
+zero if the middleware does not have them. publication_sequence_number of the message among those of its publisher, if
+the middleware has it."""
 
 
 class MessageInfoCallback:

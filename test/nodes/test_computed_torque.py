@@ -15,6 +15,8 @@ from robot_dynamics import Base, Dynamics, Inertia, load_robot
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.codecs.geometry import write_twist
 from robot_dynamics.nodes.computed_torque.node import ComputedTorque
+from robot_dynamics.nodes.diagnostics import ERROR
+from robot_dynamics.nodes.processes import running_node
 
 LIBRARY = Dynamics(load_robot("panda"), compiled=False)
 LIMITS = np.array([87.0] * 4 + [12.0] * 3)
@@ -236,6 +238,37 @@ def test_invalid_parameters_are_refused_with_a_reason(start_controller):
         assert not result.successful and expected_text in result.reason, (change, result.reason)
     controller.stream(0.1)
     np.testing.assert_allclose(last(controller), LIBRARY.gravity(Q), atol=1e-9)
+
+
+def test_parameters_that_do_not_fit_the_robot_are_an_error(start_controller):
+    controller = start_controller({"joints": [*PANDA[:6], "panda_joint9"]})
+    controller.wait_until(lambda: controller.diagnostics, "diagnostics")
+    level, message, _ = controller.diagnostics[-1]
+    assert level == ERROR
+    assert "not configured: parameter joints: unknown joint 'panda_joint9'" in message
+    assert controller.set_parameters(joints=PANDA).successful
+    controller.stream_until_steady()
+
+
+def test_states_of_another_clock_before_the_simulated_time_are_refused_by_name(start_controller):
+    controller = start_controller({"use_sim_time": True})
+    reason = "efforts go to zero: use_sim_time is set, and nothing came on /clock yet: joint_states have a stamp of"
+    controller.stream_until(lambda: controller.has_diagnostic(reason), reason)
+    assert np.abs(last(controller)).max() == 0
+
+
+def test_settings_are_logged_at_the_start(tmp_path, ros):
+    log = tmp_path / "log"
+    parameters = {"robot_file": "panda", "mode": "pd_gravity", "kp": [30.0], "kd": [1.0, *[11.0] * 6]}
+    with log.open("w") as file, running_node("computed_torque", parameters, "/logged", log=file):
+        until = time.monotonic() + 60
+        while "controls panda_joint1" not in log.read_text():
+            assert time.monotonic() < until, log.read_text()
+            time.sleep(0.05)
+    assert (
+        "mode pd_gravity, kp 30 1/s^2, kd [1.0, 11.0, 11.0, 11.0, 11.0, 11.0, 11.0] 1/s, without_reference damp, "
+        "ramp_time 0.1 s, state_timeout 0.02 s, reference_timeout 0.1 s, deadline 0.005 s"
+    ) in log.read_text()
 
 
 def test_flying_base_is_read_from_odom(start_controller):

@@ -35,7 +35,9 @@ def test_first_change_is_logged_at_once_and_later_ones_together():
         update(f"position is {k}" if k % 2 == 0 else "", 0.2 + k * 0.01)
     assert len(lines) == 1
     update("", 0.1 + PERIOD)
-    assert lines[1:] == ["efforts went to zero 25 times in 1.0 s, the last time: position is 48; they are sent again"]
+    assert lines[1:] == [
+        "efforts began to go to zero 25 times in 1.0 s, the last time: position is 48; they are sent again"
+    ]
     update("", 50.0)
     update("too old by 3 s", 60.0)
     update("too old by 4 s", 61.5)  # the same but for its numbers
@@ -45,7 +47,7 @@ def test_first_change_is_logged_at_once_and_later_ones_together():
     update("too old by 5 s", 61.7)
     update("", 61.8)
     update("", 63.0)
-    assert lines[4:] == ["efforts went to zero for a moment: too old by 5 s; they are sent again"]
+    assert lines[4:] == ["efforts began to go to zero: too old by 5 s; they are sent again"]
 
 
 def test_alternating_states_are_logged_once_a_second(client, tmp_path):
@@ -64,4 +66,4 @@ def test_alternating_states_are_logged_once_a_second(client, tmp_path):
         elapsed = time.monotonic() - began
     lines = [line for line in log.read_text().splitlines() if "efforts " in line]
     assert len(lines) <= elapsed / PERIOD + 2, "\n".join(lines)
-    assert any("efforts went to zero" in line and "times in" in line and "is nan" in line for line in lines)
+    assert any("efforts began to go to zero" in line and "times in" in line and "is nan" in line for line in lines)

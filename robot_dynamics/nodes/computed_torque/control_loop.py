@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from robot_dynamics.control.controller import Settings
     from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
     from robot_dynamics.nodes.computed_torque.outputs import ControlOutputs
+    from robot_dynamics.nodes.computed_torque.publisher_monitor import SequenceSteps
     from robot_dynamics.nodes.message_info import MessageInfo
 
 STANDSTILL = 1.0  # [s] of the machine without a state, after which efforts go to zero although the clock stands still
@@ -82,6 +83,7 @@ class ControlLoop:
     ----------
     law, settings : of the controller.
     namespace : of the node, which may precede joint names.
+    sequence_steps : takes the messages with the controlled joints.
     on_sent : called with the time [s] of a state after its efforts have been sent, and with the present time after
         efforts without a state.
     """
@@ -94,6 +96,7 @@ class ControlLoop:
         times: MessageTimes,
         outputs: ControlOutputs,
         statistics: ControlStatistics,
+        sequence_steps: SequenceSteps,
         on_sent: Callable[[float], None],
         logger: RcutilsLogger,
     ) -> None:
@@ -104,6 +107,7 @@ class ControlLoop:
         self._times = times
         self._outputs = outputs
         self._statistics = statistics
+        self._sequence_steps = sequence_steps
         self._on_sent = on_sent
         self._logger = logger
         self._joint_states = self._joint_state_reader(law)
@@ -159,11 +163,12 @@ class ControlLoop:
         try:
             if not self._joint_states.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
                 return
+            self._sequence_steps.add(info)
             published = now - self._times.transit_time(message, info)
             if is_unstamped:
                 time = published
             if abs(now - time) > timeout:
-                raise InvalidInputError(_describe_age(now - time, is_unstamped))
+                raise InvalidInputError(_describe_age(now - time, is_unstamped, self._times.is_clock_missing))
             self._base.require_current(now, timeout)
             efforts = controller.step(now, time, published)
             until -= now - min(time, published)
@@ -262,8 +267,13 @@ class ControlLoop:
         return default if stamp.sec == stamp.nanosec == 0 else self._times.of_stamp(stamp)
 
 
-def _describe_age(age: float, is_unstamped: bool) -> str:
+def _describe_age(age: float, is_unstamped: bool, is_clock_missing: bool) -> str:
     """Return the reason to reject a state of this age [s], which is a time in transit if the state has no stamp."""
+    if is_clock_missing:
+        return (
+            "use_sim_time is set, and nothing came on /clock yet: joint_states have a stamp of another clock, "
+            f"{-age:.3f} s ahead"
+        )
     if is_unstamped:
         return f"joint_states were in transit for {age:.3f} s"
     if age > 0:

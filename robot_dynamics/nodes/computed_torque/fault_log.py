@@ -57,12 +57,12 @@ class FaultLog:
         if self._fault_count > 1:
             end = "" if fault else "; they are sent again"
             self._logger.warning(
-                f"efforts went to zero {self._fault_count} times in {elapsed:.1f} s, the last time: "
+                f"efforts began to go to zero {self._fault_count} times in {elapsed:.1f} s, the last time: "
                 f"{self._last_fault}{end}"
             )
         elif fault:
             self._logger.warning(f"efforts go to zero: {fault}")
         elif self._fault_count:
-            self._logger.warning(f"efforts went to zero for a moment: {self._last_fault}; they are sent again")
+            self._logger.warning(f"efforts began to go to zero: {self._last_fault}; they are sent again")
         else:
             self._logger.info("efforts are sent again")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,26 +17,33 @@ if TYPE_CHECKING:
 
 
 def control_health(
-    robot: RobotSource, loop: ControlLoop | None, refusal: str, clock_conflict: str, deadline_misses: int
+    robot: RobotSource,
+    loop: ControlLoop | None,
+    configuration_error: str,
+    refusal: str,
+    conflicts: Sequence[str],
+    deadline_misses: int,
 ) -> tuple[Level, str]:
     """Return level and message.
 
     Parameters
     ----------
     loop : None while the node is not configured.
-    refusal : why the node is not configured, or why the last reference was refused; empty for none.
-    clock_conflict : of the simulated time; empty for none.
+    configuration_error : why the node could not be configured; empty if it could, or has not tried.
+    refusal : why the last reference was refused; empty for none.
+    conflicts : with other publishers: of the simulated time, of efforts, of states.
     deadline_misses : since the last report.
     """
     level, message = robot.health()
     if level == ERROR:
         return ERROR, message
+    if configuration_error:
+        return ERROR, configuration_error
     if loop is None or not loop.is_active:
         return WARN, refusal or "not active: no efforts are sent"
     controller = loop.controller
     if controller.fault:
-        conflict = f"; {clock_conflict}" if clock_conflict else ""
-        return ERROR, f"efforts go to zero: {controller.fault}{conflict}"
+        return ERROR, "; ".join([f"efforts go to zero: {controller.fault}", *conflicts])
     if not controller.activity:
         return WARN, "use_sim_time is set, and nothing came on /clock yet"
     warnings = []
@@ -47,8 +55,7 @@ def control_health(
         warnings.append(controller.no_reference_reason)
     if refusal:
         warnings.append(refusal)
-    if clock_conflict:
-        warnings.append(clock_conflict)
+    warnings.extend(conflicts)
     if robot.reliability_warning:
         warnings.append(robot.reliability_warning)
     if loop.unreported_joint_names:

@@ -32,6 +32,11 @@ class MessageTimes:
         """Whether the time is that of a simulation, which is not the time of the machine."""
         return self._clock.ros_time_is_active
 
+    @property
+    def is_clock_missing(self) -> bool:
+        """Whether the time is that of a simulation, and is zero, as it is until it comes on /clock."""
+        return self.is_simulated and self._clock.now().nanoseconds == 0
+
     def now(self) -> float:
         """Return the present time."""
         return (self._clock.now().nanoseconds - self._epoch) * 1e-9

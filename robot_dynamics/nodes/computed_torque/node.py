@@ -25,7 +25,12 @@ from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
 from robot_dynamics.nodes.computed_torque.health import control_health
 from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
 from robot_dynamics.nodes.computed_torque.outputs import QOS_OVERRIDES, ControlOutputs
-from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS, settings_from_parameters
+from robot_dynamics.nodes.computed_torque.parameters import (
+    PARAMETERS,
+    describe_settings,
+    settings_from_parameters,
+)
+from robot_dynamics.nodes.computed_torque.publisher_monitor import PublisherMonitor, SequenceSteps
 from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.lifecycle import RobustLifecycleNode
@@ -87,6 +92,10 @@ class ComputedTorque(RobustLifecycleNode):
         self._times = MessageTimes(self.get_clock())
         self._outputs = ControlOutputs(self)
         self._clock_monitor = ClockMonitor(self)
+        self._sequence_steps = SequenceSteps()
+        self._publisher_monitor = PublisherMonitor(
+            self, self._outputs.effort_topics, "joint_states", self._sequence_steps
+        )
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._subscribe()
         # a timer of the machine's time: that of a simulation may stand still
@@ -142,9 +151,18 @@ class ComputedTorque(RobustLifecycleNode):
         self._configuration_error = ""
         self._reference_refusal = ""
         self._loop = ControlLoop(
-            law, settings, self.get_namespace(), self._times, self._outputs, self._statistics, self._on_sent, logger
+            law,
+            settings,
+            self.get_namespace(),
+            self._times,
+            self._outputs,
+            self._statistics,
+            self._sequence_steps,
+            self._on_sent,
+            logger,
         )
         self._outputs.configure(law.joints)
+        logger.info(describe_settings(settings))
         logger.info(f"controls {', '.join(law.joints)}, limits {settings.limits.tolist()}")
         idle = [name for name, limit in zip(law.joints, settings.limits, strict=True) if limit == 0]
         if idle:
@@ -291,6 +309,8 @@ class ComputedTorque(RobustLifecycleNode):
 
     def _report(self, elapsed: float) -> tuple[Level, str, str, Values]:
         self._clock_monitor.check()
+        self._publisher_monitor.check()
+        conflicts = [*filter(None, [self._clock_monitor.conflict]), *self._publisher_monitor.conflicts]
         misses = self._statistics.deadline_misses
         values = {
             **self._statistics.take(elapsed),
@@ -298,7 +318,9 @@ class ComputedTorque(RobustLifecycleNode):
             "references refused": self._refused,
             "last refusal": self._last_refusal,
         }
-        health = control_health(self._robot, self._loop, self._refusal, self._clock_monitor.conflict, misses)
+        health = control_health(
+            self._robot, self._loop, self._configuration_error, self._reference_refusal, conflicts, misses
+        )
         return *health, self._robot.name, values
 
 

@@ -39,6 +39,11 @@ class ControlOutputs:
     def _publisher(self, node: LifecycleNode, kind: type, topic: str) -> Publisher:
         return node.create_publisher(kind, topic, LATEST_ONLY_QOS, qos_overriding_options=QOS_OVERRIDES)
 
+    @property
+    def effort_topics(self) -> tuple[str, str]:
+        """Names of the topics of the efforts, after remapping."""
+        return self._commands.topic_name, self._effort.topic_name
+
     def configure(self, joints: tuple[str, ...]) -> None:
         """Make the messages for the joints of these names."""
         self._message = Float64MultiArray(data=array("d", bytes(8 * len(joints))))

@@ -125,6 +125,21 @@ def settings_from_parameters(
     )
 
 
+def describe_settings(settings: Settings) -> str:
+    """Return the settings that decide what is sent, without the limits, as one line of a log."""
+    return (
+        f"mode {settings.mode}, kp {_shorten(settings.kp)} 1/s^2, kd {_shorten(settings.kd)} 1/s, "
+        f"without_reference {settings.without_reference}, ramp_time {settings.ramp_time:g} s, "
+        f"state_timeout {settings.state_timeout:g} s, reference_timeout {settings.reference_timeout:g} s, "
+        f"deadline {settings.deadline:g} s"
+    )
+
+
+def _shorten(values: Array) -> object:
+    """Return the one number that all values are, else a list."""
+    return f"{values[0]:g}" if len(values) and (values == values[0]).all() else values.tolist()
+
+
 def _limits_of_description(dynamics: Dynamics, joints: Sequence[str]) -> Array:
     robot = dynamics.robot
     limits = np.array([robot.joints[robot.joint_numbers[name]].limits.effort for name in joints])
