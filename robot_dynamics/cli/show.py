@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
+from robot_dynamics.cli.robot_arguments import add_robot_arguments, read_robot_argument
 from robot_dynamics.cli.text_table import format_cell, print_table
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.cut_joints import cut_joints
@@ -36,7 +36,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> None:
     """Print the tables."""
-    robot = load_robot_argument(arguments)
+    robot = read_robot_argument(arguments)
     base = "moves" if robot.moving_base else "is fixed"
     gravity = " ".join(map(format_cell, robot.gravity.tolist()))
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")

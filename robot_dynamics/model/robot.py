@@ -46,11 +46,14 @@ class Link:
         Inertia about the origin of the link's frame; of a flexible link that of the undeformed one.
     flexibility : Flexibility, optional
         Beams and bodies of a flexible link. Default: the link is rigid.
+    lacks_inertial : bool
+        Whether the description has a shape of the link, but no inertia. Default: False.
     """
 
     name: str
     inertia: Inertia
     flexibility: Flexibility | None = None
+    lacks_inertial: bool = False
 
     def transformed_by(self, matrix: ScalarArray) -> Link:
         """Return the same link in the frame i in which `matrix`, iTj (4, 4), places its frame j."""
@@ -100,6 +103,8 @@ class Robot:
         Pairs of frames that coincide. Default: none, a tree.
     platforms : tuple of Platform
         Platforms of a parallel robot, several where parallel modules are in series.
+    reader_warnings : tuple of str
+        Sentences about the text of the description. Default: none.
 
     Raises
     ------
@@ -119,6 +124,7 @@ class Robot:
     gravity: Array = field(default_factory=lambda: np.array(EARTH_GRAVITY))
     loops: tuple[Loop, ...] = ()
     platforms: tuple[Platform, ...] = ()
+    reader_warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", to_gravity_vector(self.gravity))
@@ -244,8 +250,8 @@ class Robot:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences about doubtful inertias, limits and platforms."""
-        return find_warnings(self)
+        """Sentences about doubtful parts of the description, payloads, inertias, limits and platforms."""
+        return self.reader_warnings + find_warnings(self)
 
     def raise_on_warnings(self) -> None:
         """Raise DescriptionError if the robot has `warnings`."""

@@ -63,7 +63,10 @@ PARAMETERS = by_name(
         read_at="configuration",
     ),
     ParameterSpec(
-        "strict", False, "refuse inertias that no real body has, instead of warning", read_at="configuration"
+        "strict",
+        False,
+        "refuse what the warnings at start name, such as inertias that no real body has",
+        read_at="configuration",
     ),
     ParameterSpec(
         "payload.link", "", "link that carries the payload, in whose frame it is given; empty: there is none"
