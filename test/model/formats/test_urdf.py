@@ -144,10 +144,13 @@ BAD = {
         changed("<robot", '<xacro:robot xmlns:xacro="http://wiki.ros.org/xacro"').replace("</robot", "</xacro:robot"),
         "the root element <xacro:robot> is xacro. Expand it first",
     ),
-    "xacro in the name of a joint": (changed('name="j"', 'name="${prefix}j"'), "name='${prefix}j', which is xacro"),
+    "xacro in the name of a joint": (changed('name="j"', 'name="${prefix}j"'), r"name='\$\{prefix\}j', which is xacro"),
     "xacro in the name of a robot": (changed('robot name="', 'robot name="$(arg name)'), "which is xacro. Expand"),
-    "xacro as a mass": (changed('mass value="1"', 'mass value="${m}"'), "<mass> has value='${m}', which is xacro"),
-    "xacro as angles": (changed("<axis", '<origin rpy="0 ${pi/2} 0"/><axis'), "<origin> has rpy='0 ${pi/2} 0', which"),
+    "xacro as a mass": (changed('mass value="1"', 'mass value="${m}"'), r"<mass> has value='\$\{m\}', which is xacro"),
+    "xacro as angles": (
+        changed("<axis", '<origin rpy="0 ${pi/2} 0"/><axis'),
+        r"<origin> has rpy='0 \$\{pi/2\} 0', which",
+    ),
     "mimic of a fixed joint": (
         changed(
             JOINT,

@@ -22,6 +22,7 @@ from robot_dynamics.optional_packages import import_optional
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.model.formats.urdf.document import Element
 
 
 def read_urdf(

@@ -1,11 +1,16 @@
 """Checks of the elements of a URDF: names, references, types and numbers."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
-from typing import NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.urdf.document import Element, LineWarnings
+from robot_dynamics.model.formats.urdf.document import Element
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.urdf.document import LineWarnings
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating")
 INERTIAL_ATTRIBUTES = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
