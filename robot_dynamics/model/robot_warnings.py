@@ -29,11 +29,8 @@ def find_warnings(robot: Robot) -> tuple[str, ...]:
     warnings = _find_impossible_inertias(robot)
     for joint in robot.joints:
         warnings += find_suspicious_limits(joint)
-    if robot.is_massless:  # one warning for the robot instead of one for each joint
-        warnings.append(MASSLESS_WARNING)
-    else:
-        warnings += find_missing_inertials(robot)
-        warnings += _find_joints_without_inertia(robot)
+    warnings += find_missing_inertials(robot)
+    warnings += find_singular_joints(robot)
     for platform in robot.platforms:
         warnings += _find_missing_legs(robot, platform)
     return tuple(warnings)
@@ -91,8 +88,10 @@ def _links_known_by_moment(robot: Robot) -> set[int]:
     return known
 
 
-def _find_joints_without_inertia(robot: Robot) -> list[str]:
-    """Return sentences about independent joints outside loops that move no inertia."""
+def find_singular_joints(robot: Robot) -> list[str]:
+    """Return sentences about independent joints outside loops that move no inertia, one if this is true of all."""
+    if robot.is_massless:
+        return [MASSLESS_WARNING]
     moves_inertia = _joints_with_inertia(robot)
     warnings = []
     for number, (leader, _, _) in enumerate(robot.mimic_relations):
