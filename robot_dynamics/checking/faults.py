@@ -20,7 +20,7 @@ from robot_dynamics.checking.fault_signals import FaultSignals
 from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.payload import attach_payload
+from robot_dynamics.model.robot import attach_payload
 from robot_dynamics.newton_euler.linear import solve_each
 
 if TYPE_CHECKING:

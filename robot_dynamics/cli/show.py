@@ -192,7 +192,9 @@ def print_totals(robot: Robot) -> None:
         for link, (R, P) in zip(links, placements[first:], strict=True):
             moment = moment + (R @ link.inertia.first_moments + link.inertia.mass * P)
         centre = moment / mass
-        text += f", centre at {' '.join(f'{x:.6g}' for x in centre)} m with all joint variables zero"
+        text += (
+            f", centre at {' '.join(f'{round(x, DECIMALS) + 0.0:.6g}' for x in centre)} m with all joint variables zero"
+        )
     print(f"\n{text}")
 
 

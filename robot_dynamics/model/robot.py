@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
+from robot_dynamics.model.beam import RigidBody
+from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint, check_placement
 from robot_dynamics.model.loop import check_loop
-from robot_dynamics.model.payload import attach_payload
+from robot_dynamics.model.payload import find_payload_warnings
 from robot_dynamics.model.platform import check_platform
 from robot_dynamics.model.robot_warnings import MASSLESS_WARNING as MASSLESS_WARNING
 from robot_dynamics.model.robot_warnings import find_warnings
@@ -26,7 +28,6 @@ from robot_dynamics.model.robot_warnings import find_warnings
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
     from robot_dynamics.model.beam import Flexibility
-    from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.platform import Platform
@@ -314,6 +315,27 @@ class Robot:
         for warning in robot.payload_warnings[len(self.payload_warnings) :]:
             logger.warning("robot %r: %s", self.name, warning)
         return robot
+
+
+def attach_payload(robot: Robot, name: str, inertia: Inertia) -> Robot:
+    """Return a robot with a payload, as `Robot.with_payload` does, but log no warning."""
+    frame = robot.frame(name)
+    if not isinstance(inertia, Inertia):
+        raise InvalidInputError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
+    if not inertia.is_finite or inertia.mass < 0:
+        raise InvalidInputError(
+            f"payload on link {name!r} has mass {inertia.mass:g} kg and moments {inertia.first_moments}, "
+            f"{inertia.second_moments.tolist()}: finite numbers and a mass of zero or more are needed"
+        )
+    carrier = robot.links[frame.link]
+    payload = inertia.transformed_by(frame.placement)
+    flexibility = carrier.flexibility
+    if flexibility is not None:
+        flexibility = flexibility.with_body(RigidBody(frame.placement[:3, 3], payload))
+    links = list(robot.links)
+    links[frame.link] = replace(carrier, inertia=carrier.inertia + payload, flexibility=flexibility)
+    warnings = (*robot.payload_warnings, *find_payload_warnings(name, inertia))
+    return replace(robot, links=tuple(links), payload_warnings=warnings)
 
 
 def to_gravity_vector(gravity: object) -> Array:

@@ -19,8 +19,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot
-from robot_dynamics.model.payload import attach_payload
-from robot_dynamics.model.robot import MASSLESS_WARNING
+from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.parameters import (

@@ -279,7 +279,8 @@ def test_urdf_is_shown_without_rounding_errors_and_converted_with_notes(tmp_path
         '<robot name="arm"><link name="a"/><link name="b"><visual/></link><link name="c">'
         f'<inertial><origin xyz="0 0 0.5" rpy="0 1.57079632679 0"/>{body}</inertial></link>'
         '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><origin rpy="1.57079632679 0 0"/></joint>'
-        '<joint name="k" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0 0 1" rpy="0 1.57079632679 0"/>'
+        '<joint name="k" type="revolute"><parent link="b"/><child link="c"/>'
+        '<origin xyz="0 0 1" rpy="0 1.57079632679 0"/>'
         '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
     )
     assert main(["show", str(path)]) == 0
