@@ -20,6 +20,7 @@ from robot_dynamics.checking.fault_signals import FaultSignals
 from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.inertia import Inertia
+from robot_dynamics.model.robot import attach_payload
 from robot_dynamics.newton_euler.linear import solve_each
 
 if TYPE_CHECKING:
@@ -115,7 +116,7 @@ class Evidence:
         self.link = link or _last_link_name(robot)
         self.names = predictor.dynamics.joint_names
         unit_payloads = [Inertia(1.0), *(Inertia(0.0, axis) for axis in np.eye(3))]
-        self._loaded = [Dynamics(robot.with_payload(self.link, payload)) for payload in unit_payloads]
+        self._loaded = [Dynamics(attach_payload(robot, self.link, payload)) for payload in unit_payloads]
         self._averages: BlockAverages | None = None  # of rows (9, N, n) for FaultSignals
         self._cutoff = 0.0
         self._has_efforts = np.ones(len(self.names), dtype=bool)

@@ -32,7 +32,7 @@ WRITERS: dict[str, Callable[[Robot, bool], str]] = {
 }
 OMISSIONS: dict[str, Callable[[Robot], list[str]]] = {
     ".urdf": urdf_writer.find_losses,
-    ".par": lambda robot: [*par_writer.find_losses(robot), *par_writer.find_base_loss(robot)],
+    ".par": lambda robot: [*par_writer.find_losses(robot), *par_writer.find_harmless_losses(robot)],
 }
 
 
@@ -55,6 +55,12 @@ def run(arguments: Namespace) -> None:
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
     for omission in OMISSIONS.get(ending, lambda robot: [])(robot):
         print(f"left out: {omission}", file=sys.stderr)
+    if ending == ".urdf":
+        print(
+            "note: the URDF has what the dynamics need, without shapes, transmissions and elements of simulators: do "
+            "not give it to robot_state_publisher",
+            file=sys.stderr,
+        )
     offset_rows = sum(row.joint is None for row in build_mdh_table(robot))
     if offset_rows and arguments.snap is None:
         print(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import ArgumentParser, Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.loading import has_urdf, read_description, read_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
+from robot_dynamics.model.robot_warnings import find_missing_inertials
 
 if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
@@ -48,6 +50,14 @@ def add_description_arguments(parser: ArgumentParser) -> None:
 
 
 def load_robot_argument(arguments: Namespace) -> Robot:
+    """Load the robot as `read_robot_argument` does, and print what its description lacks or what is ignored of it."""
+    robot = read_robot_argument(arguments)
+    for warning in (*robot.reader_warnings, *find_missing_inertials(robot)):
+        print(f"WARNING: {arguments.robot}: {warning}", file=sys.stderr)
+    return robot
+
+
+def read_robot_argument(arguments: Namespace) -> Robot:
     """Load the robot of parsed arguments, with its frames as the options require. Raises DescriptionError."""
     text, source = read_description(arguments.robot)
     moving_base = MOVING_BASE_CHOICES[arguments.base]

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
+from robot_dynamics.cli.robot_arguments import add_robot_arguments, read_robot_argument
 from robot_dynamics.cli.text_table import format_cell, print_table
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import format_angle
+from robot_dynamics.model.inertia import symmetric_entries
 from robot_dynamics.model.mdh_table import build_mdh_table
 from robot_dynamics.model.placement import roll_pitch_yaw
 from robot_dynamics.newton_euler.kinematics import link_placements
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 NAME = "show"
 PLACEMENT_HEADER = ["on link", "x", "y", "z", "roll", "pitch", "yaw"]
+DECIMALS = 9  # of lengths and angles: smaller parts are rounding errors of the text of a URDF
 VARIABLES = {"fixed": "", "revolute": "theta", "prismatic": "r"}
 
 
@@ -36,7 +38,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(arguments: Namespace) -> None:
     """Print the tables."""
-    robot = load_robot_argument(arguments)
+    robot = read_robot_argument(arguments)
     base = "moves" if robot.moving_base else "is fixed"
     gravity = " ".join(map(format_cell, robot.gravity.tolist()))
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")
@@ -73,11 +75,11 @@ def print_mdh_table(robot: Robot) -> None:
                 row.antecedent,
                 kind,
                 _angle_cell(parameters.gamma),
-                parameters.b,
+                _length_cell(parameters.b),
                 _angle_cell(parameters.alpha),
-                parameters.d,
+                _length_cell(parameters.d),
                 _angle_cell(parameters.theta),
-                parameters.r,
+                _length_cell(parameters.r),
                 VARIABLES[kind],
             ]
         )
@@ -136,8 +138,9 @@ def print_inertias(robot: Robot) -> None:
     rows: list[list[Cell]] = []
     for link in robot.links:
         J = link.inertia.second_moments
-        moments = [J[0, 0], J[0, 1], J[0, 2], J[1, 1], J[1, 2], J[2, 2]]
-        rows.append([link.name, *map(float, (link.inertia.mass, *link.inertia.first_moments, *moments))])
+        first_moments = _without_noise(link.inertia.first_moments)
+        second_moments = _without_noise(np.array(symmetric_entries(J)))
+        rows.append([link.name, float(link.inertia.mass), *first_moments, *second_moments])
     header = ["link", "mass", "MX", "MY", "MZ", "XX", "XY", "XZ", "YY", "YZ", "ZZ"]
     print_table(header, rows, "Inertias about the origins of the frames above, with all bodies fixed to the links")
 
@@ -189,16 +192,28 @@ def print_totals(robot: Robot) -> None:
         for link, (R, P) in zip(links, placements[first:], strict=True):
             moment = moment + (R @ link.inertia.first_moments + link.inertia.mass * P)
         centre = moment / mass
-        text += f", centre at {' '.join(f'{x:.6g}' for x in centre)} m with all joint variables zero"
+        text += (
+            f", centre at {' '.join(f'{round(x, DECIMALS) + 0.0:.6g}' for x in centre)} m with all joint variables zero"
+        )
     print(f"\n{text}")
 
 
 def _placement_cells(robot: Robot, link: int, placement: Array) -> list[Cell]:
     """Return the name of a link, and the position and the angles of a placement (4, 4) in its frame."""
-    position = [float(round(x, 12)) for x in placement[:3, 3]]
+    position = [_length_cell(x) for x in placement[:3, 3]]
     return [robot.links[link].name, *position, *map(_angle_cell, roll_pitch_yaw(placement[:3, :3]))]
 
 
 def _angle_cell(angle: float) -> Cell:
     text = format_angle(float(angle))
-    return text if "pi" in text else float(angle)
+    return text if "pi" in text else float(round(angle, DECIMALS)) + 0.0
+
+
+def _length_cell(length: float) -> Cell:
+    return float(round(length, DECIMALS)) + 0.0
+
+
+def _without_noise(values: Array) -> list[float]:
+    """Return values (k,) with zeros for those that are rounding errors beside the largest one."""
+    noise = 10.0**-DECIMALS * np.abs(values).max()
+    return [float(value) if abs(value) > noise else 0.0 for value in values]

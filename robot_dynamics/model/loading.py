@@ -56,7 +56,8 @@ def load_robot(
     gravity : (3,) array_like, optional
         Acceleration of gravity in the world frame [m/s²]. Default: from the description, else the Earth's, along -z.
     strict : bool
-        Raise an error for inertias that no physical body has, instead of logging a warning.
+        Raise an error for all that `Robot.warnings` names, such as inertias that no physical body has, instead of
+        logging warnings.
 
     Returns
     -------

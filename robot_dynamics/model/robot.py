@@ -6,6 +6,7 @@ axis of joint j. The links of the description, each in its original frame, remai
 
 from __future__ import annotations
 
+import logging
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -19,6 +20,7 @@ from robot_dynamics.model.beam import RigidBody
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint, check_placement
 from robot_dynamics.model.loop import check_loop
+from robot_dynamics.model.payload import find_payload_warnings
 from robot_dynamics.model.platform import check_platform
 from robot_dynamics.model.robot_warnings import MASSLESS_WARNING as MASSLESS_WARNING
 from robot_dynamics.model.robot_warnings import find_warnings
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.platform import Platform
+
+logger = logging.getLogger(__name__)
 
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 MAX_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
@@ -46,11 +50,14 @@ class Link:
         Inertia about the origin of the link's frame; of a flexible link that of the undeformed one.
     flexibility : Flexibility, optional
         Beams and bodies of a flexible link. Default: the link is rigid.
+    lacks_inertial : bool
+        Whether the description has a shape of the link, but no inertia. Default: False.
     """
 
     name: str
     inertia: Inertia
     flexibility: Flexibility | None = None
+    lacks_inertial: bool = False
 
     def transformed_by(self, matrix: ScalarArray) -> Link:
         """Return the same link in the frame i in which `matrix`, iTj (4, 4), places its frame j."""
@@ -100,6 +107,10 @@ class Robot:
         Pairs of frames that coincide. Default: none, a tree.
     platforms : tuple of Platform
         Platforms of a parallel robot, several where parallel modules are in series.
+    reader_warnings : tuple of str
+        Sentences about the text of the description. Default: none.
+    payload_warnings : tuple of str
+        Sentences about payloads that no physical body is. Default: none.
 
     Raises
     ------
@@ -119,6 +130,8 @@ class Robot:
     gravity: Array = field(default_factory=lambda: np.array(EARTH_GRAVITY))
     loops: tuple[Loop, ...] = ()
     platforms: tuple[Platform, ...] = ()
+    reader_warnings: tuple[str, ...] = ()
+    payload_warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", to_gravity_vector(self.gravity))
@@ -244,8 +257,8 @@ class Robot:
 
     @cached_property
     def warnings(self) -> tuple[str, ...]:
-        """Sentences about doubtful inertias, limits and platforms."""
-        return find_warnings(self)
+        """Sentences about doubtful parts of the description, payloads, inertias, limits and platforms."""
+        return self.reader_warnings + self.payload_warnings + find_warnings(self)
 
     def raise_on_warnings(self) -> None:
         """Raise DescriptionError if the robot has `warnings`."""
@@ -290,29 +303,39 @@ class Robot:
         Returns
         -------
         Robot
-            The robot with the payload lumped into the link of the frame.
+            The robot with the payload lumped into the link of the frame. Where no physical body has the inertia of
+            the payload, a warning is logged, and is one of its `warnings`.
 
         Raises
         ------
         InvalidInputError
             If the frame is unknown, the mass negative, or a number not finite.
         """
-        frame = self.frame(name)
-        if not isinstance(inertia, Inertia):
-            raise InvalidInputError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
-        if not inertia.is_finite or inertia.mass < 0:
-            raise InvalidInputError(
-                f"payload on link {name!r} has mass {inertia.mass:g} kg and moments {inertia.first_moments}, "
-                f"{inertia.second_moments.tolist()}: finite numbers and a mass of zero or more are needed"
-            )
-        carrier = self.links[frame.link]
-        payload = inertia.transformed_by(frame.placement)
-        flexibility = carrier.flexibility
-        if flexibility is not None:
-            flexibility = flexibility.with_body(RigidBody(frame.placement[:3, 3], payload))
-        links = list(self.links)
-        links[frame.link] = replace(carrier, inertia=carrier.inertia + payload, flexibility=flexibility)
-        return replace(self, links=tuple(links))
+        robot = attach_payload(self, name, inertia)
+        for warning in robot.payload_warnings[len(self.payload_warnings) :]:
+            logger.warning("robot %r: %s", self.name, warning)
+        return robot
+
+
+def attach_payload(robot: Robot, name: str, inertia: Inertia) -> Robot:
+    """Return a robot with a payload, as `Robot.with_payload` does, but log no warning."""
+    frame = robot.frame(name)
+    if not isinstance(inertia, Inertia):
+        raise InvalidInputError(f"payload on link {name!r} is {inertia!r}: an Inertia is needed")
+    if not inertia.is_finite or inertia.mass < 0:
+        raise InvalidInputError(
+            f"payload on link {name!r} has mass {inertia.mass:g} kg and moments {inertia.first_moments}, "
+            f"{inertia.second_moments.tolist()}: finite numbers and a mass of zero or more are needed"
+        )
+    carrier = robot.links[frame.link]
+    payload = inertia.transformed_by(frame.placement)
+    flexibility = carrier.flexibility
+    if flexibility is not None:
+        flexibility = flexibility.with_body(RigidBody(frame.placement[:3, 3], payload))
+    links = list(robot.links)
+    links[frame.link] = replace(carrier, inertia=carrier.inertia + payload, flexibility=flexibility)
+    warnings = (*robot.payload_warnings, *find_payload_warnings(name, inertia))
+    return replace(robot, links=tuple(links), payload_warnings=warnings)
 
 
 def to_gravity_vector(gravity: object) -> Array:

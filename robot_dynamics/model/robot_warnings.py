@@ -18,6 +18,9 @@ MASSLESS_WARNING = (
 )
 
 
+MAX_NAMES = 8  # in one warning
+
+
 def find_warnings(robot: Robot) -> tuple[str, ...]:
     """Return sentences about inertias, joint limits, joints without inertia and platforms.
 
@@ -26,10 +29,8 @@ def find_warnings(robot: Robot) -> tuple[str, ...]:
     warnings = _find_impossible_inertias(robot)
     for joint in robot.joints:
         warnings += find_suspicious_limits(joint)
-    if robot.is_massless:  # one warning for the robot instead of one for each joint
-        warnings.append(MASSLESS_WARNING)
-    else:
-        warnings += _find_joints_without_inertia(robot)
+    warnings += find_missing_inertials(robot)
+    warnings += find_singular_joints(robot)
     for platform in robot.platforms:
         warnings += _find_missing_legs(robot, platform)
     return tuple(warnings)
@@ -54,6 +55,25 @@ def _find_impossible_inertias(robot: Robot) -> list[str]:
     return warnings
 
 
+def find_missing_inertials(robot: Robot) -> list[str]:
+    """Return a sentence about the moving links that have a shape, but neither an inertia in the description nor a mass.
+
+    Links without a shape are virtual, for example between the three joints of a wrist, and have no mass by intention.
+    """
+    first = 0 if robot.moving_base else 1
+    names = [
+        repr(link.name)
+        for link in robot.links[first:]
+        if link.lacks_inertial and not np.any(link.inertia.spatial) and not robot.is_massless
+    ]
+    if not names:
+        return []
+    shown = f"{', '.join(names[:MAX_NAMES])}{f' and {len(names) - MAX_NAMES} more' if len(names) > MAX_NAMES else ''}"
+    if len(names) == 1:
+        return [f"link {shown} has a shape and moves, but has no <inertial>: its mass is taken as 0"]
+    return [f"links {shown} have shapes and move, but have no <inertial>: their masses are taken as 0"]
+
+
 def _links_known_by_moment(robot: Robot) -> set[int]:
     """Return the numbers of links that turn about a fixed axis and have only a moment about it."""
     links_on_fixed_axes = set() if robot.moving_base else {0}
@@ -68,8 +88,10 @@ def _links_known_by_moment(robot: Robot) -> set[int]:
     return known
 
 
-def _find_joints_without_inertia(robot: Robot) -> list[str]:
-    """Return sentences about independent joints outside loops that move no inertia."""
+def find_singular_joints(robot: Robot) -> list[str]:
+    """Return sentences about independent joints outside loops that move no inertia, one if this is true of all."""
+    if robot.is_massless:
+        return [MASSLESS_WARNING]
     moves_inertia = _joints_with_inertia(robot)
     warnings = []
     for number, (leader, _, _) in enumerate(robot.mimic_relations):

@@ -5,13 +5,13 @@ from typing import Any
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
-from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 
 # A server can receive the first request of a client before it has discovered where the client listens. The middleware
 # then drops the response, so a first request without a response within this time [s] is sent again.
@@ -101,7 +101,13 @@ class ServiceClient:
         """
         request = SetParametersAtomically.Request()
         request.parameters = [_to_parameter(name, value).to_parameter_msg() for name, value in values.items()]
-        return self.call(SetParametersAtomically, f"{node_name}/set_parameters_atomically", request, timeout).result
+        result = self.call(SetParametersAtomically, f"{node_name}/set_parameters_atomically", request, timeout).result
+        if not result.successful and "undeclared parameter" in result.reason:  # rclpy names none
+            known = self.call(ListParameters, f"{node_name}/list_parameters", ListParameters.Request(), timeout)
+            unknown = [name for name in values if name not in known.result.names]
+            if unknown:
+                result.reason = describe_unknown_name("parameter", unknown[0], known.result.names)
+        return result
 
     def spin(self, seconds: float) -> None:
         """Run the callbacks of the node for a time [s]."""

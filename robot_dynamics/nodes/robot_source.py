@@ -19,7 +19,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, InvalidInputError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot
-from robot_dynamics.model.robot import MASSLESS_WARNING
+from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.parameters import (
@@ -63,12 +63,15 @@ PARAMETERS = by_name(
         read_at="configuration",
     ),
     ParameterSpec(
-        "strict", False, "refuse inertias that no real body has, instead of warning", read_at="configuration"
+        "strict",
+        False,
+        "refuse what the warnings at start name, such as inertias that no real body has",
+        read_at="configuration",
     ),
     ParameterSpec(
         "payload.link", "", "link that carries the payload, in whose frame it is given; empty: there is none"
     ),
-    ParameterSpec("payload.mass", 0.0, "[kg]"),
+    ParameterSpec("payload.mass", 0.0, "[kg]", lower_bound=0.0),
     ParameterSpec("payload.first_moments", [0.0] * 3, "mass times its centre x, y, z [kg m]"),
     ParameterSpec("payload.inertia", [0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
 )
@@ -119,7 +122,12 @@ class RobotSource:
         )
         declare_parameters(node, PARAMETERS)
         rejection = self._try_change(lambda: self._adopt(self._load(self._settings())))
-        if not rejection and self._dynamics is None:
+        if rejection:
+            node.get_logger().info(
+                "no robot yet: waiting for another description. Correct the parameter with ros2 param set, or restart "
+                "the node"
+            )
+        elif self._dynamics is None:
             topic = node.resolve_topic_name("robot_description")
             node.get_logger().info(
                 f"no robot yet: waiting for {topic}, or for parameter robot_file or robot_description"
@@ -147,9 +155,11 @@ class RobotSource:
     @property
     def reliability_warning(self) -> str:
         """Why results of the robot are unreliable: a sentence, empty for most robots."""
-        if self._dynamics is None or not self.is_massless(self._dynamics):
+        if self._dynamics is None:
             return ""
-        return f"robot {self.name!r}: {MASSLESS_WARNING}"
+        warnings = [MASSLESS_WARNING] if self.is_massless(self._dynamics) else []
+        warnings += self._dynamics.robot.payload_warnings
+        return f"robot {self.name!r}: {'; '.join(warnings)}" if warnings else ""
 
     def health(self) -> tuple[Level, str]:
         """Level and message of a DiagnosticStatus: whether a robot is loaded, and whether the last change succeeded."""
@@ -271,6 +281,6 @@ def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
     if not settings["payload.link"]:
         return robot
     try:
-        return robot.with_payload(settings["payload.link"], payload)
+        return attach_payload(robot, settings["payload.link"], payload)
     except InvalidInputError as error:
         raise InvalidInputError(f"parameter payload.link: {error}") from None

@@ -28,6 +28,7 @@ from robot_dynamics.recordings.odometry import OdometryReader
 if TYPE_CHECKING:
     from robot_dynamics.recordings.joint_samples import JointSample
 
+LFS_MAGIC = b"version https://"  # a small text in place of a large file that was not downloaded
 JOINT_STATE = "sensor_msgs/msg/JointState"
 ODOMETRY = "nav_msgs/msg/Odometry"
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -227,6 +228,8 @@ def _storage_format(file: Path) -> Literal["MCAP", "sqlite3"]:
         return "MCAP"
     if magic == SQLITE_MAGIC:
         return "sqlite3"
+    if magic.startswith(LFS_MAGIC):
+        raise RecordingError(f"{file} is a pointer of Git LFS, not the bag itself: download the bag with git lfs pull")
     raise RecordingError(f"{file} is no bag: its first bytes are those of neither MCAP nor sqlite3")
 
 

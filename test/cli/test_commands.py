@@ -270,3 +270,26 @@ def test_ctrl_c_ends_with_130_and_one_line(monkeypatch, capsys):
     monkeypatch.setattr("robot_dynamics.cli.count.run", interrupted)
     assert main(["count", "rx90"]) == 130
     assert capsys.readouterr().err == "robot-dynamics count: interrupted\n"
+
+
+def test_urdf_is_shown_without_rounding_errors_and_converted_with_notes(tmp_path, capsys):
+    path = tmp_path / "arm.urdf"
+    body = '<mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    path.write_text(
+        '<robot name="arm"><link name="a"/><link name="b"><visual/></link><link name="c">'
+        f'<inertial><origin xyz="0 0 0.5" rpy="0 1.57079632679 0"/>{body}</inertial></link>'
+        '<joint name="j" type="continuous"><parent link="a"/><child link="b"/><origin rpy="1.57079632679 0 0"/></joint>'
+        '<joint name="k" type="revolute"><parent link="b"/><child link="c"/>'
+        '<origin xyz="0 0 1" rpy="0 1.57079632679 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    assert main(["show", str(path)]) == 0
+    printed = capsys.readouterr()
+    assert not re.search(r"e-1\d", printed.out) and not printed.err
+    assert "warning: link 'b' has a shape and moves" in printed.out
+    assert main(["convert", str(path), str(tmp_path / "arm.par")]) == 0
+    printed = capsys.readouterr().err
+    assert "WARNING: " in printed and "link 'b' has a shape and moves" in printed
+    assert "left out: limits of 'k'" in printed and "robot_state_publisher" not in printed
+    assert main(["convert", str(path), str(tmp_path / "out.urdf")]) == 0
+    assert "do not give it to robot_state_publisher" in capsys.readouterr().err

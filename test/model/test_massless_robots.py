@@ -3,9 +3,10 @@
 import pytest
 from peers.real_robots import real_urdf, without_inertials
 
-from robot_dynamics import DescriptionError, Inertia, load_robot
+from robot_dynamics import DescriptionError, Inertia, SingularModelError, load_robot
 from robot_dynamics.cli.main import main
 from robot_dynamics.model.robot import MASSLESS_WARNING
+from robot_dynamics.simulation.simulation import Simulation
 
 BODY = Inertia(1.0, [0.0, 0.0, 0.1], [[0.02, 0, 0], [0, 0.02, 0], [0, 0, 0.01]])
 
@@ -37,3 +38,8 @@ def test_show_command_prints_the_warning_about_missing_masses(tmp_path, capsys):
     assert main(["show", str(path)]) == 0
     output = capsys.readouterr().out
     assert f"warning: {MASSLESS_WARNING}" in output and "moving mass 0 kg" in output and output.count("warning:") == 1
+
+
+def test_simulation_of_a_robot_without_masses_is_refused_with_the_remedy():
+    with pytest.raises(SingularModelError, match="complete the description, or identify the masses"):
+        Simulation(load_robot(without_inertials(real_urdf("ur5"))))

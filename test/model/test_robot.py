@@ -1,5 +1,6 @@
 """The robot as data: lumping, frames, inertias that cannot be, joints that depend on others, payloads."""
 
+import re
 import time
 from dataclasses import replace
 
@@ -330,3 +331,31 @@ def test_impossible_joint_is_refused(changes, reason):
 def test_inverse_placement():
     frame = placement(rotation_with_z_along([1, 2, 3]), [4, 5, 6])
     np.testing.assert_allclose(frame @ invert_placement(frame), np.eye(4), atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("payload", "objection"),
+    [
+        (Inertia(2.0, [0, 0, 0.2]), r"not positive definite.*\[0.02, 0.0, 0.0, 0.02, 0.0, 0.0\] kg m²"),
+        (Inertia(0.0, [0, 0, 0.2]), "mass is zero but moments are not"),
+        (Inertia(1.0, [0, 0, 0], np.diag([1, 1, 3])), "triangle"),
+    ],
+)
+def test_payload_that_cannot_exist_causes_a_warning_that_names_it(payload, objection, caplog):
+    robot = load_robot("panda")
+    loaded = robot.with_payload("panda_link8", payload)
+    [record] = caplog.records
+    assert re.search(f"payload on link 'panda_link8': .*{objection}", record.getMessage())
+    assert loaded.warnings[0] in record.getMessage() and robot.warnings == ()
+    with pytest.raises(DescriptionError, match="payload on link 'panda_link8'"):
+        loaded.raise_on_warnings()
+
+
+def test_point_mass_of_a_payload_warning_is_the_body_that_causes_none(caplog):
+    xx, xy, xz, yy, yz, zz = 0.02, 0.0, 0.0, 0.02, 0.0, 0.0
+    point = Inertia(2.0, [0, 0, 0.2], [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about_centre = Inertia.about_centre_of_mass(2.0, np.zeros((3, 3)), [0, 0, 0.1])
+    np.testing.assert_allclose(point.spatial, about_centre.spatial, atol=1e-15)
+    for payload in (point, about_centre, Inertia(1.0), Inertia()):
+        assert load_robot("panda").with_payload("panda_link8", payload).warnings == ()
+    assert not caplog.records

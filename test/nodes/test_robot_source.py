@@ -67,7 +67,7 @@ def test_refused_description_leaves_the_old_robot_loaded(case, client, panda, pa
         ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
         ({"gravity": [0.0, 0.0, float("nan")]}, "three finite numbers"),
         ({"payload.link": "panda_link99", "payload.mass": 1.0}, "payload.link: unknown link 'panda_link99'"),
-        ({"payload.link": "panda_link8", "payload.mass": -1.0}, "mass -1"),
+        ({"payload.link": "panda_link8", "payload.mass": -1.0}, "payload.mass is -1: 0 or more"),
         ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "6 numbers are needed, xx, xy"),
         ({"payload.link": "panda_link8", "payload.first_moments": [1.0, float("nan"), 0.0]}, "finite"),
         ({"payload.link": "panda_link8", "payload.first_moments": [1.0, 0.0, 0.0], "strict": True}, "'panda_link7'"),
@@ -111,6 +111,28 @@ def test_file_that_changed_is_read_again(client, start_server, tmp_path):
     assert client.set_parameters(server, {"robot_file": str(path)}).successful
     response = call_service(client, server, inverse())
     assert (not response.success and "known are j2n6s200_joint_1" in response.message) or "j2" in response.message
+
+
+def test_unknown_parameter_is_refused_with_the_right_name(client, panda):
+    result = client.set_parameters(panda, {"payload_mass": 1.0})
+    assert not result.successful and "'payload_mass': did you mean 'payload.mass'" in result.reason
+
+
+def test_payload_that_cannot_exist_is_served_with_a_warning(client, start_server):
+    server = start_server({"robot_file": "panda"})
+    payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
+    assert client.set_parameters(server, payload).successful
+    warning = "payload on link 'panda_link8': inertia is not positive definite"
+    response = call_service(client, server, inverse())
+    assert response.success and warning in response.message
+    reports = []
+    client.node.create_subscription(DiagnosticArray, "/diagnostics", lambda array: reports.extend(array.status), 10)
+    eventually(
+        client,
+        lambda: any(status.level == DiagnosticStatus.WARN and warning in status.message for status in reports),
+    )
+    assert client.set_parameters(server, {"payload.inertia": [0.02, 0.0, 0.0, 0.02, 0.0, 0.0]}).successful
+    assert call_successfully(client, server, inverse()).message == ""
 
 
 def test_integers_are_accepted_as_numbers(client, start_server):

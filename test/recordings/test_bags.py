@@ -125,6 +125,9 @@ def test_bag_reads_a_database_that_was_not_closed_with_its_log(tmp_path):
 
 def test_bag_refuses_other_files_and_missing_topics(tmp_path):
     text = tmp_path / "notes.mcap"
+    text.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
+    with pytest.raises(RecordingError, match=r"notes\.mcap is a pointer of Git LFS"):
+        Bag(text)
     text.write_text("this is no bag at all")
     with pytest.raises(RecordingError, match=r"notes\.mcap is no bag"):
         Bag(text)

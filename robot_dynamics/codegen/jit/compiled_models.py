@@ -13,6 +13,7 @@ from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile
 from robot_dynamics.codegen.jit.program_key import ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
+from robot_dynamics.model.robot_warnings import find_singular_joints
 from robot_dynamics.optional_packages import install_hint
 
 if TYPE_CHECKING:
@@ -208,7 +209,8 @@ def _trace_model(robot: Robot, name: str, options: Mapping[str, object]) -> Prog
     try:
         return MODELS[name](robot, **options)
     except ZeroDivisionError:
-        raise SingularModelError(f"{name}: nothing with inertia resists some motion, whatever the state") from None
+        reason = f"{name}: nothing with inertia resists some motion, whatever the state"
+        raise SingularModelError("; ".join([reason, *find_singular_joints(robot)])) from None
 
 
 _logged_warnings: set[str] = set()

@@ -11,7 +11,7 @@ from peers.random_robots import random_states, random_urdf
 
 from robot_dynamics import DescriptionError, Dynamics
 from robot_dynamics.model.formats.par.reader import read_par
-from robot_dynamics.model.formats.par.writer import write_par
+from robot_dynamics.model.formats.par.writer import find_harmless_losses, write_par
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Limits, Mimic, Spring
@@ -114,7 +114,6 @@ def test_name_is_unchanged_or_refused(tool, name):
 
 
 LOST = {
-    "has limits": {"limits": Limits(upper=1)},
     "mimics joint 'j2'": {"mimic": Mimic("j2")},
     "has a spring beside its motor": {"spring": Spring(1)},
     "has a spring with a rest position other than zero and has a spring with damping": {
@@ -132,6 +131,14 @@ def test_losses_of_a_par_are_refused_or_listed_in_a_comment(loss):
     text = write_par(robot, lossy=True)
     assert f"(* Lost: joint 'j1' {loss} *)" in text
     assert read_par(text).joints[0].role == ("elastic" if "rest" in loss else "actuated")
+
+
+def test_limits_are_left_out_of_a_par_without_refusal():
+    robot = small_robot(Joint("j1", 0, False, np.eye(4), limits=Limits(upper=1)))
+    text = write_par(robot)
+    assert "(* Lost: limits of 'j1', which enter no equation *)" in text
+    assert read_par(text).joints[0].limits == Limits()
+    assert find_harmless_losses(robot)[0] == "limits of 'j1', which enter no equation"
 
 
 def test_passive_joints_alone_are_refused():

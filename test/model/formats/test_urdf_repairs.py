@@ -4,6 +4,7 @@ The parser is yourdfpy, which is imported only where a URDF is read.
 """
 
 import json
+import re
 import subprocess
 import sys
 
@@ -12,7 +13,7 @@ import pinocchio
 import pytest
 from peers.real_robots import REAL_ROBOTS, real_urdf
 
-from robot_dynamics import DescriptionError, Dynamics, load_robot
+from robot_dynamics import DescriptionError, Dynamics, Inertia, load_robot
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 
 ORIGIN = '<origin xyz="0.1 0 0" rpy="0 0 0.3"/>'
@@ -230,10 +231,14 @@ WARNED = {
 @pytest.mark.parametrize("case", WARNED)
 def test_content_of_doubtful_meaning_is_read_with_a_warning(case, caplog):
     text, warning = WARNED[case]
-    robot = read_urdf(text, source="arm.urdf")
+    robot = load_robot(text)
     assert [joint.name for joint in robot.joints] == ["j", "k"]
     [record] = caplog.records
-    assert record.levelname == "WARNING" and record.getMessage().startswith(f"arm.urdf, {warning}")
+    assert record.levelname == "WARNING" and record.getMessage().startswith(f"description: {warning}")
+    [sentence] = robot.warnings
+    assert sentence.startswith(warning)
+    with pytest.raises(DescriptionError, match=re.escape(warning)):
+        load_robot(text, strict=True)
 
 
 SILENT = {
@@ -284,16 +289,48 @@ def test_defaults_of_urdf_are_taken_as_pinocchio_takes_them(case, caplog):
     assert [joint.coulomb_friction for joint in robot.joints] == list(peer.friction)
 
 
-EXTENSIONS = {"panda": "panda.urdf, line 48 and 6 more: <dynamics> has D, K, mu_coulomb, mu_viscous, ignored"}
+EXTENSIONS = {"panda": "line 48 and 6 more: <dynamics> has D, K, mu_coulomb, mu_viscous, ignored"}
 """Warnings that real robots cause: an old URDF of the Panda has friction in attributes that no reader knows."""
 
 
 @pytest.mark.parametrize("name", REAL_ROBOTS)
-def test_real_robots_cause_no_warnings_but_right_ones(name, caplog):
-    assert read_urdf(real_urdf(name), source=f"{name}.urdf").links
-    messages = [record.getMessage() for record in caplog.records]
-    assert len(messages) == (name in EXTENSIONS)
-    assert all(message.startswith(EXTENSIONS[name]) for message in messages)
+def test_real_robots_cause_no_warnings_but_right_ones(name):
+    robot = read_urdf(real_urdf(name))
+    assert len(robot.reader_warnings) == (name in EXTENSIONS)
+    assert all(warning.startswith(EXTENSIONS[name]) for warning in robot.reader_warnings)
+    assert not any("no <inertial>" in warning for warning in robot.warnings)
+
+
+SHAPE = '<visual><geometry><box size="1 1 1"/></geometry></visual>'
+MISSING = {
+    "shape": (SHAPE, "", ["link 'b' has a shape and moves, but has no <inertial>: its mass is taken as 0"]),
+    "collision shape": (SHAPE.replace("visual", "collision"), "", ["link 'b' has a shape and moves"]),
+    "shape of a link that is fixed to it": ("", SHAPE, ["link 'b' has a shape and moves"]),
+    "virtual link": ("", "", []),
+    "explicit zero": (SHAPE + INERTIAL.replace('"2"', '"0"').replace("0.1", "0").replace("0.2", "0"), "", []),
+    "mass of a link that is fixed to it": (SHAPE, INERTIAL, []),
+}
+
+
+@pytest.mark.parametrize("case", MISSING)
+def test_moving_link_with_a_shape_needs_an_inertial(case):
+    content, fixed_content, warnings = MISSING[case]
+    joint = '<joint name="f" type="fixed"><parent link="b"/><child link="d"/></joint>'
+    text = added(f'<link name="d">{fixed_content}</link>{joint}').replace(INERTIAL, content, 1)
+    robot = load_robot(text)
+    sentences = [sentence for sentence in robot.warnings if "no <inertial>" in sentence]
+    assert len(sentences) == len(warnings) and all(map(str.startswith, sentences, warnings))
+    if warnings:
+        with pytest.raises(DescriptionError, match="no <inertial>"):
+            load_robot(text, strict=True)
+        body = Inertia.about_centre_of_mass(1.0, np.eye(3), [0.1, 0, 0])
+        assert robot.with_payload("b", body).warnings == ()
+
+
+def test_base_without_inertial_is_named_only_where_it_moves():
+    text = URDF.replace('<link name="a"/>', f'<link name="a">{SHAPE}</link>')
+    assert load_robot(text).warnings == ()
+    assert "link 'a' has a shape and moves" in " ".join(load_robot(text, moving_base=True).warnings)
 
 
 def modules_after(program):

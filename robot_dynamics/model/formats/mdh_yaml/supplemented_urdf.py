@@ -44,6 +44,7 @@ def read_supplemented_urdf(
     if gravity is None and "gravity" in document.data:
         gravity = evaluator.vector(document.data, "gravity", ())
     text, source = _read_urdf_text(document)
+    urdf_name = source.name if isinstance(source, Path) else "urdf"
     robot = read_urdf(text, source=source, moving_base=moving_base, gravity=gravity)
     joints = _supplement_joints(evaluator, robot)
     names = [link.name for link in robot.links]
@@ -58,6 +59,7 @@ def read_supplemented_urdf(
             joints=(*joints, *cuts.joints),
             frames=(*robot.frames, *cut_frames),
             loops=cuts.loops,
+            reader_warnings=tuple(f"{urdf_name}, {warning}" for warning in robot.reader_warnings),
         )
     except DescriptionError as error:
         document.fail((), str(error))

@@ -55,13 +55,13 @@ def write_par(robot: Robot, *, lossy: bool = False) -> str:
     Returns
     -------
     str
-        The .par. The inertia of a fixed base, which enters no equation and has no place in the format, is always
-        omitted and listed in a comment.
+        The .par. Limits of joints and the inertia of a fixed base, which enter no equation and have no place in the
+        format, are always omitted and listed in comments.
 
     Raises
     ------
     DescriptionError
-        If a .par cannot represent the whole robot: limits, mimic joints, rest and damping of springs, springs at
+        If a .par cannot represent the dynamics of the robot: mimic joints, rest and damping of springs, springs at
         actuated joints, brakes, initial positions, spherical loops, flexible links, platforms. Symbols, and names that
         cannot stand in a comment, always raise this error.
     """
@@ -80,7 +80,7 @@ def write_par(robot: Robot, *, lossy: bool = False) -> str:
     text = "\n".join(
         [
             f"(* Robotname = {_quoted(robot.name)} *)",
-            *(f"(* Lost: {sentence} *)" for sentence in (*losses, *find_base_loss(robot))),
+            *(f"(* Lost: {sentence} *)" for sentence in (*losses, *find_harmless_losses(robot))),
             *_header(robot, table),
             *_names(robot, table),
             "\n(* Geometric parameters: m, rad *)",
@@ -125,8 +125,6 @@ def _joint_losses(joint: Joint) -> list[str]:
     losses = []
     if joint.mimic is not None:
         losses.append(f"mimics joint {_quoted(joint.mimic.joint)}")
-    if joint.limits != Limits():
-        losses.append("has limits")
     if joint.initial_position != 0:
         losses.append("has an initial position")
     if joint.brake:
@@ -210,10 +208,13 @@ def _dynamics(robot: Robot, rows: Sequence[ParRow]) -> list[str]:
     return [_list(key, map(format_number, numbers)) for key, numbers in lists.items()]
 
 
-def find_base_loss(robot: Robot) -> list[str]:
-    """Return a sentence where a fixed base has inertia, which the file omits; else an empty list."""
-    has_loss = not robot.moving_base and np.any(robot.links[0].inertia.spatial)
-    return ["the inertia of the fixed base, which enters no equation"] if has_loss else []
+def find_harmless_losses(robot: Robot) -> list[str]:
+    """Return what a .par has no place for and no equation contains: limits, and the inertia of a fixed base."""
+    limited = [_quoted(joint.name) for joint in robot.joints if joint.limits != Limits()]
+    losses = [f"limits of {', '.join(limited)}, which enter no equation"] if limited else []
+    if not robot.moving_base and np.any(robot.links[0].inertia.spatial):
+        losses.append("the inertia of the fixed base, which enters no equation")
+    return losses
 
 
 def _elasticity(rows: Iterable[ParRow]) -> list[str]:

@@ -4,7 +4,6 @@ yourdfpy repairs broken XML, replaces a missing moment of inertia by 1 and accep
 such texts, with the line of the error, before yourdfpy reads them.
 """
 
-import logging
 import re
 from typing import TypeAlias
 
@@ -12,9 +11,6 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, decode_text
-
-logger = logging.getLogger(__name__)
-
 
 # elements that the dynamics use; all others (shapes, colours, controllers, simulators) are removed unread
 USED_ELEMENTS = {
@@ -24,20 +20,21 @@ USED_ELEMENTS = {
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
     "fixed joint": ("parent", "child", "origin"),
 }
+USED_TAGS = tuple({tag for tags in USED_ELEMENTS.values() for tag in tags})
 XINCLUDE = "http://www.w3.org/2001/XInclude"
 UNEXPANDED = "is xacro. Expand it first: xacro robot.urdf.xacro > robot.urdf"
 UNDECLARED = "its prefix is not declared. A URDF needs none: remove it"
 # elements of xacro itself: they show a text that was not expanded; others are calls of unknown macros
+XACRO_EXPRESSION = re.compile(r"\$[{(]")
 XACRO_ELEMENTS = ("arg", "attribute", "call", "element", "if", "include", "insert_block", "macro", "property", "unless")
 
 Element: TypeAlias = etree._Element
 
 
 class LineWarnings:
-    """Warnings about elements of a text, one message for all lines with the same cause."""
+    """Warnings about elements of a text, one sentence for all lines with the same cause."""
 
-    def __init__(self, source: object) -> None:
-        self._source = source
+    def __init__(self) -> None:
         self._messages: dict[str, str] = {}
         self._lines: dict[str, list[int]] = {}
 
@@ -47,15 +44,19 @@ class LineWarnings:
         self._messages.setdefault(cause, message)
         self._lines.setdefault(cause, []).append(element.sourceline)
 
-    def log(self) -> None:
-        """Log the warnings with their lines."""
-        for cause, message in self._messages.items():
-            line, *more = self._lines[cause]
-            count = f" and {len(more)} more" if more else ""
-            logger.warning("%s, line %d%s: %s", self._source, line, count, message)
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The warnings with their lines."""
+        return tuple(self._sentence(cause) for cause in self._messages)
+
+    def _sentence(self, cause: str) -> str:
+        """Return the warning of a cause with its lines."""
+        line, *more = self._lines[cause]
+        count = f" and {len(more)} more" if more else ""
+        return f"line {line}{count}: {self._messages[cause]}"
 
 
-def parse_urdf_text(text: str | bytes, source: object) -> Element:
+def parse_urdf_text(text: str | bytes, source: object, warnings: LineWarnings) -> Element:
     """Return the root element <robot> of a URDF.
 
     Only the text itself is read: no DTD, no entity, no include.
@@ -66,6 +67,8 @@ def parse_urdf_text(text: str | bytes, source: object) -> Element:
         The URDF, or the bytes of its file.
     source : object
         Name of the description in error messages.
+    warnings : LineWarnings
+        Receives warnings about elements that were not expanded.
     """
     text = decode_urdf(text, source)
     refuse_external_references(text, source)
@@ -77,11 +80,14 @@ def parse_urdf_text(text: str | bytes, source: object) -> Element:
     except (etree.XMLSyntaxError, ValueError) as error:
         raise DescriptionError(f"{source} is not well-formed XML: {error}") from None
     if root.tag != "robot":
+        if unexpanded_name(root) == "xacro:robot":
+            raise DescriptionError(f"{source}: the root element <xacro:robot> {UNEXPANDED}")
         if etree.QName(root).namespace is not None and etree.QName(root).localname == "robot":
             raise DescriptionError(f"{source}: <robot> has a namespace of its own. Remove its attribute xmlns")
         raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
     refuse_includes(root, source)
-    check_unexpanded_elements(root, source)
+    refuse_xacro_expressions(root, source)
+    check_unexpanded_elements(root, source, warnings)
     return root
 
 
@@ -148,12 +154,23 @@ def refuse_includes(root: Element, source: object) -> None:
         raise DescriptionError(f"{source}, line {element.sourceline}: {refusal_message('an XInclude')}")
 
 
-def check_unexpanded_elements(root: Element, source: object) -> None:
+def refuse_xacro_expressions(root: Element, source: object) -> None:
+    """Raise DescriptionError where xacro must still evaluate an attribute that the dynamics use."""
+    for element in (root, *root.iterdescendants(*USED_TAGS)):
+        if is_used(element):
+            for attribute, value in element.attrib.items():
+                if XACRO_EXPRESSION.search(str(value)):
+                    raise DescriptionError(
+                        f"{source}, line {element.sourceline}: <{element.tag}> has {attribute}={str(value)[:60]!r}, "
+                        f"which {UNEXPANDED}"
+                    )
+
+
+def check_unexpanded_elements(root: Element, source: object, warnings: LineWarnings) -> None:
     """Check elements of xacro and elements with a prefix that is not declared.
 
-    Raises DescriptionError where such an element may contain data of the robot, and logs a warning for the others.
+    Raises DescriptionError where such an element may contain data of the robot, and adds a warning for the others.
     """
-    warnings = LineWarnings(source)
     for element in root.iter(etree.Element):
         name = unexpanded_name(element)
         if name is None:
@@ -166,7 +183,6 @@ def check_unexpanded_elements(root: Element, source: object) -> None:
             f"<{name}> is ignored: it was not expanded, or its prefix is not declared. It is neither a link "
             "nor a joint",
         )
-    warnings.log()
 
 
 def _refusal_of_unexpanded(element: Element, name: str, root: Element) -> str | None:

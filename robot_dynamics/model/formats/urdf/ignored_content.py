@@ -2,7 +2,7 @@
 
 A reader asks for the elements and attributes that it knows. `<Dynamics>`, `rpY`, a `<mass>` outside `<inertial>` and a
 `<dynamics><damping>` are therefore ignored, and the dynamics are wrong. This package refuses such a text where it
-changes the robot, and logs a warning where the content may be an extension of another tool.
+changes the robot, and warns where the content may be an extension of another tool.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, NoReturn
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.urdf.document import USED_ELEMENTS, LineWarnings, element_kind, local_name
+from robot_dynamics.model.formats.urdf.document import USED_ELEMENTS, element_kind, local_name
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from robot_dynamics.model.formats.urdf.document import Element
+    from robot_dynamics.model.formats.urdf.document import Element, LineWarnings
 
 SIMILARITY = 0.75  # of a misspelled name: 1 is equality
 ATTRIBUTES = {
@@ -52,24 +52,23 @@ UNIT_ATTRIBUTES = ("unit", "units", "degrees", "degree")
 ROTOR_ELEMENTS = ("rotorinertia", "motorinertia")  # compared without case, `_` and `-`
 
 
-def check_ignored_content(root: Element, source: object) -> None:
+def check_ignored_content(root: Element, source: object, warnings: LineWarnings) -> None:
     """Check the content that the dynamics would ignore; root: the element <robot> with all its content.
 
-    Raises DescriptionError, with the line and the correct name, where ignored content describes the robot. Logs a
+    Raises DescriptionError, with the line and the correct name, where ignored content describes the robot. Adds a
     warning for names that are unknown but similar to none, and for springs, loops and rotors of simulators.
     """
-    check = _IgnoredContent(source)
+    check = _IgnoredContent(source, warnings)
     check.container(root, "robot")
     check.simulator_content(root)
-    check.warnings.log()
 
 
 class _IgnoredContent:
     """Walks the used elements and their neighbours, and collects warnings."""
 
-    def __init__(self, source: object) -> None:
+    def __init__(self, source: object, warnings: LineWarnings) -> None:
         self._source = source
-        self.warnings = LineWarnings(source)
+        self.warnings = warnings
 
     def _fail(self, element: Element, message: str) -> NoReturn:
         """Raise DescriptionError with the line and the owner of an element."""

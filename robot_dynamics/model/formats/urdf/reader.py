@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
@@ -11,7 +11,7 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
-from robot_dynamics.model.formats.urdf.document import parse_urdf_text, remove_unused_elements
+from robot_dynamics.model.formats.urdf.document import LineWarnings, parse_urdf_text, remove_unused_elements
 from robot_dynamics.model.formats.urdf.ignored_content import check_ignored_content
 from robot_dynamics.model.formats.urdf.validation import check_urdf, warn_of_suspicious_numbers
 from robot_dynamics.model.inertia import Inertia
@@ -22,6 +22,7 @@ from robot_dynamics.optional_packages import import_optional
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.model.formats.urdf.document import Element
 
 
 def read_urdf(
@@ -60,18 +61,32 @@ def read_urdf(
     MissingPackageError
         If yourdfpy, which parses URDFs, is not installed.
     """
-    root = parse_urdf_text(text, source)
-    check_ignored_content(root, source)
+    warnings = LineWarnings()
+    root = parse_urdf_text(text, source, warnings)
+    check_ignored_content(root, source, warnings)
+    links_with_shapes = _links_with_shapes(root)
     remove_unused_elements(root, "robot")
     check_urdf(root, source)
-    warn_of_suspicious_numbers(root, source)
+    warn_of_suspicious_numbers(root, warnings)
     checked = io.BytesIO(etree.tostring(root))  # only the checked elements, without shapes
     yourdfpy = import_optional("yourdfpy", "reading a URDF")
     try:
         document = yourdfpy.URDF.load(checked, build_scene_graph=False, load_meshes=False)
     except Exception as error:  # a fault of the text that the checks do not cover
         raise DescriptionError(f"{source} cannot be read: {error}") from error
-    return _Builder(document.robot, source).build(moving_base, EARTH_GRAVITY if gravity is None else gravity)
+    robot = _Builder(document.robot, source, links_with_shapes).build(
+        moving_base, EARTH_GRAVITY if gravity is None else gravity
+    )
+    return replace(robot, reader_warnings=warnings.sentences)
+
+
+def _links_with_shapes(root: Element) -> frozenset[str]:
+    """Return the names of the links with a shape: they are real parts of a robot, not virtual links."""
+    return frozenset(
+        link.get("name", "")
+        for link in root.iterchildren("link")
+        if link.find("visual") is not None or link.find("collision") is not None
+    )
 
 
 class _Branch(NamedTuple):
@@ -96,9 +111,10 @@ class _Tree:
 class _Builder:
     """Walks the tree of a URDF, as yourdfpy parsed it, from its root and collects bodies, joints and frames."""
 
-    def __init__(self, description: Any, source: object) -> None:
+    def __init__(self, description: Any, source: object, links_with_shapes: frozenset[str]) -> None:
         self._description = description
         self._source = source
+        self._links_with_shapes = links_with_shapes
         self._inertials = {link.name: link.inertial for link in description.links}
         self._joints_from: dict[str, list[Any]] = {link.name: [] for link in description.links}
         self._joint_to: dict[str, Any] = {}
@@ -123,10 +139,14 @@ class _Builder:
             moving_base = floating is not None
         base = floating.child if floating is not None and moving_base else root
         tree = self._walk(base)
+        bodies_without_inertial = self._bodies_without_inertial(tree)
         try:
             return Robot(
                 name=self._description.name,
-                links=tuple(map(Link, tree.names, tree.inertias)),
+                links=tuple(
+                    Link(name, inertia, lacks_inertial=body in bodies_without_inertial)
+                    for body, (name, inertia) in enumerate(zip(tree.names, tree.inertias, strict=True))
+                ),
                 joints=tuple(tree.joints),
                 frames=tuple(tree.frames),
                 moving_base=moving_base,
@@ -134,6 +154,12 @@ class _Builder:
             )
         except DescriptionError as error:
             self._fail(error)
+
+    def _bodies_without_inertial(self, tree: _Tree) -> set[int]:
+        """Return the numbers of the bodies that have a shape, but no <inertial> in any of their links."""
+        with_shape = {frame.link for frame in tree.frames if frame.name in self._links_with_shapes}
+        with_inertial = {frame.link for frame in tree.frames if self._inertials[frame.name] is not None}
+        return with_shape - with_inertial
 
     def _find_root(self) -> str:
         """Return the only link without a parent."""

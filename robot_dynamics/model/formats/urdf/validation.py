@@ -1,11 +1,16 @@
 """Checks of the elements of a URDF: names, references, types and numbers."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping
-from typing import NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.urdf.document import Element, LineWarnings
+from robot_dynamics.model.formats.urdf.document import Element
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.formats.urdf.document import LineWarnings
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating")
 INERTIAL_ATTRIBUTES = {"mass": ("value",), "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")}
@@ -121,9 +126,8 @@ def _check_axis(joint: Element, owner: str, fail: Fail) -> None:
         fail(axis, f"{owner}: axis {axis.get('xyz')!r} has no direction, or is far from a unit vector")
 
 
-def warn_of_suspicious_numbers(root: Element, source: object) -> None:
-    """Log a warning for numbers that readers interpret, but probably not as intended; root: checked by `check_urdf`."""
-    warnings = LineWarnings(source)
+def warn_of_suspicious_numbers(root: Element, warnings: LineWarnings) -> None:
+    """Add a warning for numbers that readers interpret, but probably not as intended; root: checked by `check_urdf`."""
     for link in root.findall("link"):
         _check_angles(link.find("inertial/origin"), f"link {link.get('name')!r}", warnings)
     for joint in root.findall("joint"):
@@ -139,7 +143,6 @@ def warn_of_suspicious_numbers(root: Element, source: object) -> None:
             if missing:
                 message = f"{owner}: <limit> lacks {missing}. No limit is assumed here, but other readers assume 0"
                 warnings.add(limit, message, "limit")
-    warnings.log()
 
 
 def _check_angles(origin: Element | None, owner: str, warnings: LineWarnings) -> None:
