@@ -214,9 +214,10 @@ def install_editable(extras):
 
 
 def install_tests():
-    """What the tests need, and all extras; some tests build the documentation."""
+    """What the tests need, and all extras; some tests build the documentation, or a package of messages."""
     install_editable("all")
     pip_install("-r", REQUIREMENTS / "test.in", "-r", REQUIREMENTS / "docs.in")
+    install_colcon()
 
 
 def install_docs():
@@ -276,6 +277,7 @@ TESTS = Step(
     install_tests,
     "requirements/test.in",
     "requirements/docs.in",
+    "requirements/colcon.in",
     *PACKAGE_FILES,
 )
 DOCS = Step("docs", "installing what the documentation needs", install_docs, "requirements/docs.in", *PACKAGE_FILES)

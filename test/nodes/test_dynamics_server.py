@@ -207,14 +207,14 @@ def test_payload_changed_at_run_time_shows_in_the_next_response(client, start_se
         field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
     )
     payload = {"payload.mass": 2.0, "payload.first_moments": [0.02, 0, 0.2]}  # an integer among others
-    payload["payload.inertia"] = [0.03, 0.001, 0.0, 0.04, -0.002, 0.01]
+    payload["payload.inertia"] = [0.03, 0.001, -0.002, 0.0332, -0.001, 0.0102]
     assert client.set_parameters(server, payload).successful
     # nothing is carried until a link is named
     np.testing.assert_array_equal(
         field(call_successfully(client, server, request).trajectory, "effort"), panda_dynamics.inverse(q, qd, qdd)
     )
     assert client.set_parameters(server, {"payload.link": "panda_link8"}).successful
-    tensor = [[0.03, 0.001, 0.0], [0.001, 0.04, -0.002], [0.0, -0.002, 0.01]]
+    tensor = [[0.03, 0.001, -0.002], [0.001, 0.0332, -0.001], [-0.002, -0.001, 0.0102]]
     loaded = Dynamics(
         panda_dynamics.robot.with_payload("panda_link8", Inertia(2.0, [0.02, 0.0, 0.2], tensor)), compiled=False
     )

@@ -49,8 +49,8 @@ def tf2(tmp_path_factory):
         return {}
     venv = Path(sys.prefix)
     cmake = shutil.which("cmake", path=venv / "bin") or shutil.which("cmake")
-    if cmake is None or not (venv / "share" / "geometry_msgs" / "cmake").is_dir():
-        pytest.skip("no tf2_msgs, and no cmake or no sources of geometry_msgs to make it with")
+    if cmake is None or not (venv / "share" / "ament_cmake" / "cmake").is_dir():
+        pytest.skip("no tf2_msgs, and no cmake or no ament_cmake to make it with")
     source, prefix = tmp_path_factory.mktemp("tf2_msgs"), tmp_path_factory.mktemp("prefix")
     (source / "msg").mkdir()
     (source / "msg" / "TFMessage.msg").write_text("geometry_msgs/TransformStamped[] transforms\n")
