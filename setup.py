@@ -18,6 +18,7 @@ def files_below(folder):
 
 setup(
     license="Apache-2.0",
+    python_requires=">=3.10",
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),
