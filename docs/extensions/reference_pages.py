@@ -6,6 +6,7 @@ import argparse
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,9 +67,11 @@ class ServiceDirective(MarkdownDirective):
         yield from format_comment(introduction)
         for title, fields in (("Request", request), ("Response", response)):
             yield from ("", f"**{title}**", "")
-            for kind, name, comment in fields:
-                yield f"`{name}` — `{kind}`"
-                text = list(format_comment(comment or NO_COMMENT[name]))
+            for _, group in groupby(fields, key=lambda field: id(field[2])):  # fields that share a comment
+                described = list(group)
+                yield ", ".join(f"`{name}` — `{kind}`" for kind, name, _ in described)
+                _, first_name, comment = described[0]
+                text = list(format_comment(comment or NO_COMMENT[first_name]))
                 yield f":   {text[0]}"
                 yield from (f"    {line}" if line else "" for line in text[1:])
                 yield ""

@@ -34,4 +34,6 @@ class PageSybil(Sybil):
         if self._folder is not None:
             return self._folder in path.parents
         folders = [ROOT / "docs" / name for name in FOLDERS]
-        return path == ROOT / "README.md" or any(folder in path.parents for folder in folders)
+        return path in (ROOT / "README.md", ROOT / "docs" / "index.md") or any(
+            folder in path.parents for folder in folders
+        )
