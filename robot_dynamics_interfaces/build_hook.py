@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -52,7 +51,9 @@ def compile_package(source: Path, build: Path, installed: Path) -> None:
 
     Raises RuntimeError with the reason if a tool is missing or the build fails.
     """
-    check_compilers()
+    missing = find_missing_build_tool()
+    if missing is not None:
+        raise RuntimeError(missing)
     import ament_package
     import numpy
 
@@ -67,20 +68,6 @@ def compile_package(source: Path, build: Path, installed: Path) -> None:
         )
         if done.returncode:
             raise RuntimeError(f"{' '.join(map(str, command))} failed:\n{done.stdout[-8000:]}")
-
-
-def check_compilers() -> None:
-    """Raise RuntimeError where there is no C or C++ compiler, or no header file of Python."""
-    for language, variable, names in (
-        ("C", "CC", ("cc", "gcc", "clang")),
-        ("C++", "CXX", ("c++", "g++", "clang++")),
-    ):
-        chosen = os.environ.get(variable, "").split()[:1] or names
-        if not any(map(shutil.which, chosen)):
-            raise RuntimeError(f"no {language} compiler ({', '.join(chosen)}) on PATH: apt install g++")
-    if not Path(sysconfig.get_paths()["include"], "Python.h").is_file():
-        version = f"{sys.version_info.major}.{sys.version_info.minor}"
-        raise RuntimeError(f"Python {version} has no header files to compile with: apt install python{version}-dev")
 
 
 def python_files(installed: Path) -> dict[str, str]:
@@ -100,4 +87,5 @@ def data_files(installed: Path) -> dict[str, str]:
 
 
 sys.path.insert(0, str(Path(__file__).parent))
-from ros_wheels import correct_include_directories  # noqa: E402  # beside this file, which hatchling loads by its path
+# beside this file, which hatchling loads by its path
+from ros_wheels import correct_include_directories, find_missing_build_tool  # noqa: E402

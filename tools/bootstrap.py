@@ -18,11 +18,13 @@ import platform
 import shutil
 import subprocess
 import sys
-import sysconfig
 import time
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(CHECKOUT / "robot_dynamics_interfaces"))
+from ros_wheels import correct_include_directories, find_missing_build_tool  # noqa: E402
+
 APT_JAZZY = "--apt-jazzy" in sys.argv[1:]
 VENV = CHECKOUT / (".venv_apt_jazzy" if APT_JAZZY else ".venv")
 PYTHON = VENV / "bin" / "python"
@@ -71,7 +73,7 @@ def check_machine():
     """Refuse early, and in words, what would fail late and in riddles."""
     check_platform()
     check_python()
-    check_compiler()
+    check_build_tools()
 
 
 def check_platform():
@@ -101,21 +103,12 @@ def check_python():
         import venv  # noqa: F401
     except ImportError:
         raise BootstrapError(f"{name} cannot make virtual environments; install {name}-venv") from None
-    if not Path(sysconfig.get_paths()["include"], "Python.h").is_file():
-        raise BootstrapError(f"{name} has no header files to compile against; install {name}-dev")
 
 
-def check_compiler():
-    for language, variable, names in (
-        ("C", "CC", ("cc", "gcc", "clang")),
-        ("C++", "CXX", ("c++", "g++", "clang++")),
-    ):
-        chosen = os.environ.get(variable, "").split()
-        if not any(shutil.which(name) for name in (chosen[:1] or names)):
-            raise BootstrapError(
-                f"no {language} compiler ({' '.join(chosen[:1] or names)}) on PATH to build the message types with; "
-                "install build-essential"
-            )
+def check_build_tools():
+    missing = find_missing_build_tool()
+    if missing is not None:
+        raise BootstrapError(missing)
 
 
 # --- Running other programs -----------------------------------------------------------------------------------------
@@ -229,9 +222,6 @@ def install_docs():
 def install_colcon():
     """colcon, and what it builds robot_dynamics_interfaces with."""
     pip_install("-r", REQUIREMENTS / "colcon.in")
-    sys.path.insert(0, str(INTERFACES))
-    from ros_wheels import correct_include_directories
-
     program = (
         "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_paths()['include'], numpy.get_include()]))"
     )

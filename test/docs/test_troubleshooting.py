@@ -10,7 +10,7 @@ FOREIGN = ("velocity of joint", "ModuleNotFoundError", "offering incompatible Qo
 
 
 def test_messages_of_the_page_are_in_the_code():
-    sources = [*ROOT.glob("robot_dynamics/**/*.py"), *ROOT.glob("tools/*")]
+    sources = [*ROOT.glob("robot_dynamics*/**/*.py"), *ROOT.glob("tools/*")]
     code = " ".join(path.read_text(encoding="utf-8") for path in sources if path.is_file())
     code = re.sub(r'"\s*\n\s*f?"', "", code)  # a message over several lines
     cells = re.findall(r"^\| ([^|]*) \|", PAGE, re.MULTILINE)
