@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.recordings.odometry import concatenate_bases, filter_base_motion, slice_base
+from robot_dynamics.recordings.rest import moving_samples
 from robot_dynamics.recordings.signals import choose_cutoff, differentiate, filter_margin, lowpass
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ class Motion:
     efforts : (N, n) measured efforts [N m or N], filtered; zero where not measured.
     unfiltered_efforts : (N, n) measured efforts before the filter; zero where not measured.
     has_efforts : (n,) whether the efforts of a joint were measured.
+    moving : (N, n) whether a joint moves; where it does not, friction holds any effort within an interval.
     base : motion of the base with accelerations, N samples; None where it was not recorded.
     """
 
@@ -48,6 +50,7 @@ class Motion:
     efforts: Array
     unfiltered_efforts: Array
     has_efforts: BoolArray
+    moving: BoolArray
     base: Base | None = None
 
     def __len__(self) -> int:
@@ -74,6 +77,7 @@ class Motion:
             efforts=np.concatenate([self.efforts, other.efforts]),
             unfiltered_efforts=np.concatenate([self.unfiltered_efforts, other.unfiltered_efforts]),
             has_efforts=self.has_efforts & other.has_efforts,
+            moving=np.concatenate([self.moving, other.moving]),
             base=concatenate_bases(self.base, other.base),
         )
 
@@ -88,6 +92,7 @@ class Motion:
             qdd=self.qdd[rows],
             efforts=self.efforts[rows],
             unfiltered_efforts=self.unfiltered_efforts[rows],
+            moving=self.moving[rows],
             base=slice_base(self.base, rows),
         )
 
@@ -236,5 +241,6 @@ class _PendingSignals:
             efforts=filtered_efforts[rows] * has_efforts,
             unfiltered_efforts=efforts[rows] * has_efforts,
             has_efforts=has_efforts,
+            moving=moving_samples(filtered_q, self._rate, self._cutoff)[rows],
             base=base,
         )

@@ -52,7 +52,8 @@ def test_comparison_agrees_with_statistics_by_numpy():
     for part in range(motion_count):
         m, p = rng.normal(size=(2, 700, 2)) * [1, 30] + [5, 100]
         zero = np.zeros((700, 2))
-        motion = Motion(7.0 * part, 100.0, 8.0, zero, zero, zero, m, m + 1, np.ones(2, dtype=bool))
+        measured, moving = np.ones(2, dtype=bool), np.ones(zero.shape, dtype=bool)
+        motion = Motion(7.0 * part, 100.0, 8.0, zero, zero, zero, m, m + 1, measured, moving)
         comparison.add(motion, p)
         parts.append((m, p))
     m, p = (np.concatenate(values) for values in zip(*parts, strict=True))

@@ -20,6 +20,7 @@ from robot_dynamics.identification.samples import Samples
 from robot_dynamics.recordings.drives import direct_drives
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.recording import open_recording
+from robot_dynamics.recordings.rest import moving_samples
 from robot_dynamics.recordings.signals import choose_cutoff, differentiate, lowpass
 
 KINDS = ("payload", "friction", "swapped", "sign", "delay")
@@ -67,7 +68,10 @@ class Subject:
         inside = slice(ends, len(efforts) - ends)
         arrays = (self.q, self.qd, self.qdd, lowpass(efforts, self.rate, self.cutoff), efforts)
         measured = np.ones(len(self.step), dtype=bool) if measured is None else measured
-        motion = Motion(ends / self.rate, self.rate, self.cutoff, *(array[inside] for array in arrays), measured)
+        moving = moving_samples(self.q, self.rate, self.cutoff)
+        motion = Motion(
+            ends / self.rate, self.rate, self.cutoff, *(array[inside] for array in arrays), measured, moving[inside]
+        )
         evidence = Evidence(self.predictor, self.link)
         ends = np.linspace(0, len(motion), pieces + 1).astype(int)
         for begin, end in pairwise(ends):

@@ -247,7 +247,9 @@ class Simulated:
         data = model.createData()
         efforts = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
         efforts += 1.5 * qd + 0.5 * np.sign(qd) + NOISE * np.random.default_rng(seed).normal(size=q.shape)
-        self.motion = Motion(0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(7, dtype=bool))
+        self.motion = Motion(
+            0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(7, dtype=bool), np.ones(q.shape, dtype=bool)
+        )
 
     def motions(self, statistics, *, cutoff=None):
         yield self.motion

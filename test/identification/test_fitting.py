@@ -40,7 +40,9 @@ class Known:
         half = len(MOTION.q) // 2
         for part in (slice(None, half), slice(half, None)):
             rows = MOTION.q[part], MOTION.qd[part], MOTION.qdd[part], self.efforts[part], self.efforts[part]
-            yield Motion(MOTION.times[part][0], 50.0, 8.0, *rows, np.ones(7, dtype=bool))
+            yield Motion(
+                MOTION.times[part][0], 50.0, 8.0, *rows, np.ones(7, dtype=bool), np.ones(rows[0].shape, dtype=bool)
+            )
 
     def signal_segments(self):
         return [part for part in self.motions(None)]
@@ -115,7 +117,7 @@ def test_parameters_without_excitation_are_reported_and_not_essential():
     class Still(Known):
         def motions(self, statistics, *, cutoff=None, progress=None):
             rows = moved.q, moved.qd, moved.qdd, self.efforts, self.efforts
-            yield Motion(0.0, 50.0, 8.0, *rows, np.ones(7, dtype=bool))
+            yield Motion(0.0, 50.0, 8.0, *rows, np.ones(7, dtype=bool), np.ones(rows[0].shape, dtype=bool))
 
     fit = fit_parameters(Samples([Still(efforts(3))], MODEL))
     assert any("does not excite" in sentence and "Fv.panda_joint7" in sentence for sentence in fit.warnings)
@@ -216,7 +218,18 @@ def test_robots_with_loops_are_identified():
 
     class Loops(Known):
         def motions(self, statistics, *, cutoff=None, progress=None):
-            yield Motion(0.0, 100.0, 8.0, q, qd, qdd, self.efforts, self.efforts, np.ones(2, dtype=bool))
+            yield Motion(
+                0.0,
+                100.0,
+                8.0,
+                q,
+                qd,
+                qdd,
+                self.efforts,
+                self.efforts,
+                np.ones(2, dtype=bool),
+                np.ones(q.shape, dtype=bool),
+            )
 
     model = build_identification_model(dynamics, direct_drives(dynamics.joint_names))
     fit = fit_parameters(Samples([Loops(measured)], model))

@@ -46,7 +46,18 @@ class Run:
         motion = MOTIONS[self.name.partition(" ")[0]]
         nothing = np.zeros_like(self.signals)
         efforts = self.drives.to_joint_space(nothing, nothing, self.signals)[2]
-        yield Motion(0.0, RATE, 8.0, motion.q, motion.qd, motion.qdd, efforts, efforts, np.ones(7, dtype=bool))
+        yield Motion(
+            0.0,
+            RATE,
+            8.0,
+            motion.q,
+            motion.qd,
+            motion.qdd,
+            efforts,
+            efforts,
+            np.ones(7, dtype=bool),
+            np.ones(efforts.shape, dtype=bool),
+        )
 
 
 def run(name, drives, seed=None):
