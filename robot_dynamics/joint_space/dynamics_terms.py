@@ -133,7 +133,7 @@ class DynamicsTerms(JointCoordinates):
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, base: Base | None = None) -> Array:
         """Regressor Y of the inverse dynamic model: efforts without springs are ``Y @ parameters``.
 
-        The column of a load friction μ is |Γ_l| sign(q̇), with the load Γ_l of the robot's own parameters.
+        The column of a load friction is the magnitude of the load of the robot's own parameters times sign(q̇).
 
         Parameters
         ----------
