@@ -156,9 +156,11 @@ def signs(rates: ScalarArray | float) -> ScalarArray:
 
 def _effect(robot: Robot, parameter: str, qd: ScalarArray) -> ScalarArray:
     """Efforts (..., n) of a parameter of the joints of a robot that does not depend on load."""
-    velocities = np.array(
-        [joint.stribeck_velocity if has_value(joint.stribeck_friction) else 1.0 for joint in robot.joints]
-    )
+    velocities: ScalarArray | float = 1.0
+    if parameter == "Fst":
+        velocities = np.array(
+            [joint.stribeck_velocity if has_value(joint.stribeck_friction) else 1.0 for joint in robot.joints]
+        )
     efforts: ScalarArray = _coefficients(robot.joints, parameter) * unit_friction(parameter, qd, 0.0, velocities)
     return efforts
 
