@@ -9,6 +9,9 @@ import numpy as np
 if TYPE_CHECKING:
     from robot_dynamics.model.joint import Joint
 
+NUMBERS = (float, int, np.integer)
+"""Types of coefficients that are one number; others are symbols or arrays of samples."""
+
 FRICTION_FIELDS = (
     "viscous_friction",
     "coulomb_friction",
@@ -36,7 +39,7 @@ def find_friction_conflict(joint: Joint) -> FrictionConflict | None:
 
     A coefficient that is negative by itself or not finite is refused by `check_joint`.
     """
-    if not all(isinstance(getattr(joint, field), int | float | np.integer) for field in FRICTION_FIELDS):
+    if not all(isinstance(getattr(joint, field), NUMBERS) for field in FRICTION_FIELDS):
         return None  # symbols and samples are not judged
     viscous, viscous_asymmetry = joint.viscous_friction, joint.viscous_asymmetry
     coulomb, coulomb_asymmetry, stribeck = joint.coulomb_friction, joint.coulomb_asymmetry, joint.stribeck_friction
@@ -70,4 +73,4 @@ def _find_load_friction_conflict(joint: Joint) -> FrictionConflict | None:
 
 def has_value(coefficient: object) -> bool:
     """Whether a coefficient of a joint is not the number zero; symbols and arrays of samples count as not zero."""
-    return not isinstance(coefficient, int | float | np.integer) or coefficient != 0
+    return not isinstance(coefficient, NUMBERS) or coefficient != 0

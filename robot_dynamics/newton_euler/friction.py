@@ -39,15 +39,16 @@ def friction(robot: Robot, qd: ScalarArray) -> ScalarArray:
     Load-dependent friction is not counted: it is that of `load_friction`.
     """
     efforts: ScalarArray = _effect(robot, "Fv", qd) + _effect(robot, "Fs", qd)
+    further = {parameter for parameter, _ in further_friction_parameters(robot)}
     for parameter in FRICTION_PARAMETERS[2:]:
-        if parameter != LOAD_PARAMETER and _has_parameter(robot, parameter):
+        if parameter in further and parameter != LOAD_PARAMETER:
             efforts = efforts + _effect(robot, parameter, qd)
     return efforts
 
 
 def has_load_friction(robot: Robot) -> bool:
     """Whether the friction of a joint depends on its load."""
-    return _has_parameter(robot, LOAD_PARAMETER)
+    return any(has_value(joint.load_friction) for joint in robot.joints)
 
 
 def load_friction(joints: Sequence[Joint], qd: ScalarArray, loads: ScalarArray) -> ScalarArray:
@@ -168,8 +169,3 @@ def _effect(robot: Robot, parameter: str, qd: ScalarArray) -> ScalarArray:
 def _coefficients(joints: Sequence[Joint], parameter: str) -> ScalarArray:
     """Values (n,) of a parameter of joints."""
     return np.array([friction_parameter(joint, parameter) for joint in joints])
-
-
-def _has_parameter(robot: Robot, parameter: str) -> bool:
-    """Whether a parameter of a joint is not zero."""
-    return any(has_value(friction_parameter(joint, parameter)) for joint in robot.joints)
