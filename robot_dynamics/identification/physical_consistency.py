@@ -9,7 +9,7 @@ the description. The problem is convex.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from scipy import sparse
 
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
+from robot_dynamics.newton_euler.friction import FRICTION_PARAMETERS, further_friction_parameters
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.drives import Drives
 
 MIN_MASS = 0.05  # [kg] scale of links without mass in the description
+MAX_LOAD_FRICTION = 0.99  # from 1 on, friction would hold any load
 CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links
 PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
 OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
@@ -139,6 +141,7 @@ def _parameter_scales(robot: Robot) -> Array:
             scales += [mass * CHARACTERISTIC_LENGTH**2] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
         if index > 0:
             scales += [1.0] * len(JOINT_PARAMETERS)
+    scales += [1.0] * len(further_friction_parameters(robot))
     return np.array(scales)
 
 
@@ -158,6 +161,29 @@ def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_Co
     yield _ConeConstraint(
         clarabel.NonnegativeConeT(len(free)), [_unit_row(column, len(scale)) for column in free], [0.0] * len(free)
     )
+    sums = list(_non_negative_friction(names))
+    if sums:
+        rows = [np.sum([sign * _unit_row(column, len(scale)) for column, sign in terms], axis=0) for terms in sums]
+        yield _ConeConstraint(clarabel.NonnegativeConeT(len(rows)), rows, [0.0] * len(rows))
+
+
+def _non_negative_friction(names: Sequence[str]) -> Iterator[list[tuple[int, float]]]:
+    """Sums of further parameters of friction that are not negative: columns and signs of their terms."""
+    columns = {name: column for column, name in enumerate(names)}
+    for name, column in columns.items():
+        key, _, joint = name.partition(".")
+        if key not in FRICTION_PARAMETERS[2:]:
+            continue
+        symmetric = columns[f"{'Fv' if key == 'Fva' else 'Fs'}.{joint}"]
+        stribeck = columns.get(f"Fst.{joint}")
+        if key in ("Fva", "Fsa"):
+            yield from ([(symmetric, 1.0), (column, sign)] for sign in (1.0, -1.0))
+        if key == "Fsa" and stribeck is not None:
+            yield from ([(symmetric, 1.0), (stribeck, 1.0), (column, sign)] for sign in (1.0, -1.0))
+        if key == "Fst":
+            yield [(symmetric, 1.0), (column, 1.0)]
+        if key == "mu":
+            yield [(column, 1.0)]
 
 
 def _link_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
@@ -226,7 +252,20 @@ def _replace_parameters(robot: Robot, names: tuple[str, ...], parameters: Array)
     joints = []
     for joint in robot.joints:
         rotor_inertia, viscous, coulomb = (max(0.0, values[f"{key}.{joint.name}"]) for key in JOINT_PARAMETERS)
-        joints.append(replace(joint, rotor_inertia=rotor_inertia, viscous_friction=viscous, coulomb_friction=coulomb))
+        stribeck = max(-coulomb, values.get(f"Fst.{joint.name}", 0.0))
+        dry = coulomb + min(stribeck, 0.0)
+        joints.append(
+            replace(
+                joint,
+                rotor_inertia=rotor_inertia,
+                viscous_friction=viscous,
+                coulomb_friction=coulomb,
+                viscous_asymmetry=min(max(values.get(f"Fva.{joint.name}", 0.0), -viscous), viscous),
+                coulomb_asymmetry=min(max(values.get(f"Fsa.{joint.name}", 0.0), -dry), dry),
+                stribeck_friction=stribeck,
+                load_friction=min(max(values.get(f"mu.{joint.name}", 0.0), 0.0), MAX_LOAD_FRICTION),
+            )
+        )
     return replace(robot, links=tuple(links), joints=tuple(joints))
 
 
