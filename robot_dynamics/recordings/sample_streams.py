@@ -1,0 +1,140 @@
+"""Streams: samples of messages that name the same joints, in the order of arrival, with the times of their sampling."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.recordings.sample_bands import SampleRow
+from robot_dynamics.recordings.sampling_times import are_even, fit_sampling_times, motion_error
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
+
+CONTEXT_ROWS = 1000  # latest rows that are kept to model the stamps of the next ones
+HOLD_DURATION = 0.5  # [s] of the latest rows of a stream with a model, which later stamps may correct
+MAX_ERROR_RATIO = 0.8  # of motion errors: times of the model over stamps, below which the model is used
+MAX_ERROR_RATIO_IN_USE = 1.2  # the same, for a model that is in use
+LATE = 1e-9  # [s] by which late messages precede the message before
+MAX_HELD = 4  # samples in a row that repeat the values of the sample before and are skipped
+
+
+class SampleStream:
+    """Keeps the rows of one kind of message until their times are known.
+
+    Even stamps are the times, and rows do not wait. Other stamps are replaced by those of a sender with a constant
+    period, if these agree much better with the motion. Rows then wait for `HOLD_DURATION`, until the stamps after them
+    are known.
+
+    Parameters
+    ----------
+    source : topic or file, for notes.
+    statistics : counts of skipped samples, updated while reading.
+    """
+
+    def __init__(self, source: str, statistics: SampleStatistics) -> None:
+        self._source = source
+        self._statistics = statistics
+        self._context: list[SampleRow] = []  # rows that were returned, with their stamps
+        self._pending: list[SampleRow] = []
+        self._held = 0  # samples in a row that repeat the values of the one before
+        self._has_model = False
+
+    def __len__(self) -> int:
+        """Number of rows that wait."""
+        return len(self._pending)
+
+    def add(self, row: SampleRow) -> None:
+        """Add a row, whose time is its stamp [s]."""
+        if self._repeats_values(row):
+            self._statistics.counts["held"] += 1
+            self._held += 1
+            return
+        self._held = 0
+        self._pending.append(row)
+
+    def _repeats_values(self, row: SampleRow) -> bool:
+        """Whether a later message has the values of the row before, although the joints move.
+
+        A publisher that runs faster than its source repeats values: the time of the first message is that of the values.
+        """
+        last = self._last(1)
+        # bytes are compared in a fraction of the time of arrays
+        if last is None or row.position.tobytes() != last.position.tobytes() or row.time <= last.time:
+            return False
+        if self._held >= MAX_HELD or any(a.tobytes() != b.tobytes() for a, b in zip(row[2:], last[2:], strict=True)):
+            return False
+        before = self._last(2)
+        if before is None or np.array_equal(before.position, last.position):
+            return False
+        # a simulated robot that stops has velocity zero, or is at rest for more than MAX_HELD samples
+        return not np.isfinite(row.velocity).all() or bool(row.velocity.any())
+
+    def _last(self, number: int) -> SampleRow | None:
+        """The last row, or the last but one, that was added; None where there is none."""
+        if len(self._pending) >= number:
+            return self._pending[-number]
+        number -= len(self._pending)
+        return self._context[-number] if len(self._context) >= number else None
+
+    def release(self, final: bool = False) -> list[SampleRow]:
+        """Return the rows whose times are known; final: all rows."""
+        if not self._pending:
+            return []
+        rows = self._context + self._pending
+        first = len(self._context)
+        count = len(rows)
+        stamps = np.array([row.time for row in rows])
+        times = self._model_times(rows, stamps)
+        self._has_model = times is not None
+        if times is None:
+            released = rows[first:]
+        else:
+            if not final:
+                count = max(first, int(np.argmax(stamps > stamps.max() - HOLD_DURATION)))
+            released = [
+                row._replace(time=float(time)) for row, time in zip(rows[first:count], times[first:count], strict=True)
+            ]
+        self._pending = rows[count:]
+        self._context = [] if final else rows[max(0, count - CONTEXT_ROWS) : count]
+        return released
+
+    def _model_times(self, rows: list[SampleRow], stamps: Array) -> Array | None:
+        """Times (M,) [s] of rows by a model of their stamps (M,); None where the stamps are the times."""
+        if are_even(stamps):
+            return None
+        _, position, velocity, _ = (np.array(values) for values in zip(*rows, strict=True))
+        is_late = np.r_[False, stamps[1:] < np.maximum.accumulate(stamps)[:-1]]
+        is_duplicate = np.r_[
+            False, (np.diff(stamps) == 0) & ((np.diff(position, axis=0) == 0) | np.isnan(position[1:])).all(axis=1)
+        ]
+        valid = np.flatnonzero(~is_late & ~is_duplicate)
+        q = _fill_missing(position[valid])
+        model = fit_sampling_times(stamps[valid], q)
+        if model is None:
+            return None
+        limit = MAX_ERROR_RATIO_IN_USE if self._has_model else MAX_ERROR_RATIO
+        error = motion_error(model.times, q, velocity[valid])
+        if not error < limit * motion_error(stamps[valid], q, velocity[valid]):
+            return None
+        self._statistics.note_sampling_times(self._source, float((stamps[valid] - model.times).max()), model.period)
+        # late messages and duplicates get times that are not later than those before, so that they are dropped
+        times: Array = model.times[np.maximum(0, np.searchsorted(valid, np.arange(len(rows)), side="right") - 1)]
+        times[is_late] -= LATE
+        return times
+
+
+def _fill_missing(position: Array) -> Array:
+    """Positions (M, k) with interpolated values where they are nan or infinite."""
+    finite = np.isfinite(position)
+    if finite.all():
+        return position
+    filled = position.copy()
+    numbers = np.arange(len(position))
+    for column, is_finite in zip(filled.T, finite.T, strict=True):
+        column[~is_finite] = (
+            np.interp(numbers[~is_finite], numbers[is_finite], column[is_finite]) if is_finite.any() else 0
+        )
+    return filled
