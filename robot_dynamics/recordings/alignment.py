@@ -24,8 +24,8 @@ from robot_dynamics.recordings.sample_bands import (
     intersect_intervals,
     measure_step,
 )
-from robot_dynamics.recordings.sample_streams import SampleStream
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
+from robot_dynamics.recordings.sample_streams import SampleStream
 from robot_dynamics.recordings.signals import MIN_SPLINE_SAMPLES, interpolate_on_grid
 
 if TYPE_CHECKING:

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.recordings.sample_bands import SampleRow
 from robot_dynamics.recordings.sampling_times import are_even, fit_sampling_times, motion_error
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.sample_bands import SampleRow
     from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 CONTEXT_ROWS = 1000  # latest rows that are kept to model the stamps of the next ones
@@ -58,7 +58,7 @@ class SampleStream:
     def _repeats_values(self, row: SampleRow) -> bool:
         """Whether a later message has the values of the row before, although the joints move.
 
-        A publisher that runs faster than its source repeats values: the time of the first message is that of the values.
+        A publisher that runs faster than its source repeats values: the first message has their time.
         """
         last = self._last(1)
         # bytes are compared in a fraction of the time of arrays
@@ -134,7 +134,8 @@ def _fill_missing(position: Array) -> Array:
     filled = position.copy()
     numbers = np.arange(len(position))
     for column, is_finite in zip(filled.T, finite.T, strict=True):
-        column[~is_finite] = (
-            np.interp(numbers[~is_finite], numbers[is_finite], column[is_finite]) if is_finite.any() else 0
-        )
+        if is_finite.any():
+            column[~is_finite] = np.interp(numbers[~is_finite], numbers[is_finite], column[is_finite])
+        else:
+            column[:] = 0
     return filled

@@ -15,6 +15,7 @@ evidence: between two samples a joint moves by its velocity times the time betwe
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,7 +81,7 @@ def fit_sampling_times(stamps: Array, position: Array) -> SamplingTimes | None:
     starts = [0, *np.flatnonzero(is_cut[1:]) + 1, len(stamps)]
     times = stamps.copy()
     slopes = []
-    for start, stop in zip(starts[:-1], starts[1:], strict=True):
+    for start, stop in pairwise(starts):
         if stop - start >= MIN_MODEL_SAMPLES:
             steps = 1 + losses[start:stop]
             steps[0] = 0
@@ -133,12 +134,12 @@ def _find_losses(stamps: Array, position: Array, period: float) -> IntArray:
     before = minimum_filter1d(delays, LOSS_REACH, origin=shift - 1, mode="nearest")  # of i - 63 to i
     jumps = np.zeros(len(stamps))
     jumps[1:] = (after[1:] - before[:-1]) / period
-    rows = np.flatnonzero(jumps > MIN_LOSS)
-    if len(rows) == 0:
+    late = np.flatnonzero(jumps > MIN_LOSS)
+    if len(late) == 0:
         return losses
     ratios = _displacement_ratios(position)
     steps = np.diff(stamps, prepend=stamps[0])
-    for rows in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+    for rows in np.split(late, np.flatnonzero(np.diff(late) > 1) + 1):
         lost = int(np.round(np.median(jumps[rows])))
         seen = np.maximum(np.round(ratios[rows]) - 1, 0)
         if not np.isfinite(seen).any():  # joints at rest show nothing

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import Akima1DInterpolator, CubicSpline
-from scipy.ndimage import binary_dilation, convolve1d
+from scipy.ndimage import convolve1d, maximum_filter1d, minimum_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from robot_dynamics.errors import RecordingError
@@ -21,8 +21,8 @@ MAX_CUTOFF_RATIO = 0.2  # of the rate: cut-off where the rate is too low for the
 SETTLING_PERIODS = 6.0  # periods of the cut-off after which the transient of the filter has decayed to 1e-6
 GRID_TOLERANCE = 0.02  # steps between a stamp and the grid point that it counts as
 MIN_SPLINE_SAMPLES = 4  # samples that define a cubic spline
-MAX_STEP_RATIO = 4.0  # of neighbouring steps, beyond which a cubic spline amplifies the noise of samples
-UNEVEN_REACH = 4  # steps on both sides of uneven ones in which a cubic spline is not used
+MAX_STEP_RATIO = 4.0  # of nearby steps, beyond which a cubic spline amplifies the noise of samples
+UNEVEN_REACH = 4  # steps on both sides of an interval that are compared
 EXTENSION_PERIODS = 2.0  # periods of the cut-off by which the filter extends a signal at both ends
 DIFFERENCE_REACH = 10  # samples on each side that a derivative uses
 
@@ -71,14 +71,9 @@ def interpolate_on_grid(times: Array, values: Array, grid: Array) -> Array:
 
 
 def _uneven_intervals(steps: Array) -> BoolArray:
-    """Intervals (M,) near which a step differs from the next one by more than `MAX_STEP_RATIO`."""
-    uneven = np.zeros(len(steps), dtype=bool)
-    ratios = steps[1:] / steps[:-1]
-    is_cut = (ratios > MAX_STEP_RATIO) | (ratios < 1 / MAX_STEP_RATIO)
-    uneven[1:] |= is_cut
-    uneven[:-1] |= is_cut
-    if uneven.any():
-        uneven = binary_dilation(uneven, iterations=UNEVEN_REACH)
+    """Intervals (M,) near which steps [s] differ by more than `MAX_STEP_RATIO`."""
+    size = 2 * UNEVEN_REACH + 1
+    uneven: BoolArray = maximum_filter1d(steps, size) > MAX_STEP_RATIO * minimum_filter1d(steps, size)
     return uneven
 
 
@@ -122,7 +117,7 @@ def lowpass(values: Array, rate: float, cutoff: float) -> Array:
     cutoff : cut-off frequency [Hz].
     """
     sections = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
-    extension = min(len(values) - 1, int(np.ceil(EXTENSION_PERIODS * rate / cutoff)))
+    extension = min(len(values) - 1, round(EXTENSION_PERIODS * rate / cutoff))
     filtered: Array = sosfiltfilt(sections, values, axis=0, padlen=extension)
     return filtered
 
