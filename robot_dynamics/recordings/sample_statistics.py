@@ -19,6 +19,7 @@ CountName: TypeAlias = Literal[
     "second_source",
     "zero_stamp",
     "held",
+    "lost",
 ]
 
 DESCRIPTIONS: dict[CountName, str] = {
@@ -36,6 +37,7 @@ DESCRIPTIONS: dict[CountName, str] = {
     "second_source": "values of joints come from a second topic and were skipped",
     "zero_stamp": "messages have stamp zero; the time of recording is used instead",
     "held": "messages repeat the values of the previous message while the joints move and were skipped",
+    "lost": "samples were lost between others; their times show it",
 }
 
 MAX_NAMES = 100  # names listed in one sentence

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.recordings.sampling_times import are_even, fit_sampling_times, motion_error
+from robot_dynamics.recordings.sampling_times import SamplingTimes, are_even, fit_sampling_times, motion_errors
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -14,9 +14,10 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 CONTEXT_ROWS = 1000  # latest rows that are kept to model the stamps of the next ones
+MODEL_INTERVAL = 0.1  # [s] of stamps after which the model is fitted anew
 HOLD_DURATION = 0.5  # [s] of the latest rows of a stream with a model, which later stamps may correct
 MAX_ERROR_RATIO = 0.8  # of motion errors: times of the model over stamps, below which the model is used
-MAX_ERROR_RATIO_IN_USE = 1.2  # the same, for a model that is in use
+MAX_ERROR_RATIO_IN_USE = 1.2  # the same, for a model that is in use, and over more than one step
 LATE = 1e-9  # [s] by which late messages precede the message before
 MAX_HELD = 4  # samples in a row that repeat the values of the sample before and are skipped
 
@@ -41,6 +42,7 @@ class SampleStream:
         self._pending: list[SampleRow] = []
         self._held = 0  # samples in a row that repeat the values of the one before
         self._has_model = False
+        self._model_stamp = -np.inf  # newest stamp [s] when the model was fitted
 
     def __len__(self) -> int:
         """Number of rows that wait."""
@@ -83,47 +85,57 @@ class SampleStream:
         """Return the rows whose times are known; final: all rows."""
         if not self._pending:
             return []
+        newest = self._pending[-1].time
+        is_due = final or not 0 <= newest - self._model_stamp < MODEL_INTERVAL
+        if not is_due and self._has_model:
+            return []
         rows = self._context + self._pending
         first = len(self._context)
         count = len(rows)
-        stamps = np.array([row.time for row in rows])
-        times = self._model_times(rows, stamps)
-        self._has_model = times is not None
-        if times is None:
-            released = rows[first:]
-        else:
-            if not final:
-                count = max(first, int(np.argmax(stamps > stamps.max() - HOLD_DURATION)))
-            released = [
-                row._replace(time=float(time)) for row, time in zip(rows[first:count], times[first:count], strict=True)
-            ]
+        released = self._pending
+        if is_due:
+            stamps = np.array([row.time for row in rows])
+            model = self._fit_model(rows, stamps)
+            self._model_stamp = newest
+            self._has_model = model is not None
+            if model is not None:
+                if not final:
+                    count = max(first, int(np.argmax(stamps > stamps.max() - HOLD_DURATION)))
+                times = model.times[first:count]
+                released = [row._replace(time=float(time)) for row, time in zip(rows[first:], times, strict=False)]
+                self._statistics.counts["lost"] += int(model.losses[first:count].sum())
         self._pending = rows[count:]
         self._context = [] if final else rows[max(0, count - CONTEXT_ROWS) : count]
         return released
 
-    def _model_times(self, rows: list[SampleRow], stamps: Array) -> Array | None:
-        """Times (M,) [s] of rows by a model of their stamps (M,); None where the stamps are the times."""
+    def _fit_model(self, rows: list[SampleRow], stamps: Array) -> SamplingTimes | None:
+        """The model of the stamps (M,) of rows; None where the stamps are the times."""
         if are_even(stamps):
             return None
         _, position, velocity, _ = (np.array(values) for values in zip(*rows, strict=True))
-        is_late = np.r_[False, stamps[1:] < np.maximum.accumulate(stamps)[:-1]]
-        is_duplicate = np.r_[
-            False, (np.diff(stamps) == 0) & ((np.diff(position, axis=0) == 0) | np.isnan(position[1:])).all(axis=1)
-        ]
-        valid = np.flatnonzero(~is_late & ~is_duplicate)
+        is_late = np.zeros(len(rows), dtype=bool)
+        is_late[1:] = stamps[1:] < np.maximum.accumulate(stamps)[:-1]
+        is_equal = (np.diff(position, axis=0) == 0) | np.isnan(position[1:])
+        is_valid = ~is_late
+        is_valid[1:] &= (np.diff(stamps) != 0) | ~is_equal.all(axis=1)  # else the message is a duplicate
+        valid = np.flatnonzero(is_valid)
         q = _fill_missing(position[valid])
-        model = fit_sampling_times(stamps[valid], q)
+        model = fit_sampling_times(stamps[valid], q, velocity[valid])
         if model is None:
             return None
-        limit = MAX_ERROR_RATIO_IN_USE if self._has_model else MAX_ERROR_RATIO
-        error = motion_error(model.times, q, velocity[valid])
-        if not error < limit * motion_error(stamps[valid], q, velocity[valid]):
+        q_dot = velocity[valid]
+        errors = motion_errors(model.times, q, q_dot)
+        limits = np.full(len(errors), MAX_ERROR_RATIO_IN_USE)
+        limits[0] = MAX_ERROR_RATIO_IN_USE if self._has_model else MAX_ERROR_RATIO
+        if not (errors < limits * motion_errors(stamps[valid], q, q_dot)).all():
             return None
         self._statistics.note_sampling_times(self._source, float((stamps[valid] - model.times).max()), model.period)
         # late messages and duplicates get times that are not later than those before, so that they are dropped
-        times: Array = model.times[np.maximum(0, np.searchsorted(valid, np.arange(len(rows)), side="right") - 1)]
+        times = model.times[np.maximum(0, np.searchsorted(valid, np.arange(len(rows)), side="right") - 1)]
         times[is_late] -= LATE
-        return times
+        losses = np.zeros(len(rows), dtype=int)
+        losses[valid] = model.losses
+        return SamplingTimes(times, model.period, losses)
 
 
 def _fill_missing(position: Array) -> Array:
@@ -131,7 +143,7 @@ def _fill_missing(position: Array) -> Array:
     finite = np.isfinite(position)
     if finite.all():
         return position
-    filled = position.copy()
+    filled: Array = position.copy()
     numbers = np.arange(len(position))
     for column, is_finite in zip(filled.T, finite.T, strict=True):
         if is_finite.any():
