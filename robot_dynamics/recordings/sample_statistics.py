@@ -83,7 +83,7 @@ class SampleStatistics:
         counted = [f"{self.counts[key]} {sentence}" for key, sentence in DESCRIPTIONS.items() if self.counts[key]]
         jitter = [
             f"stamps of {source} are up to {1e3 * delay:.3g} ms late; times are those of a sender with a period of "
-            f"{1e3 * period:.4g} ms"
+            f"{1e3 * period:.3g} ms"
             for source, (delay, period) in self.sampling_times.items()
         ]
         return counted + jitter + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]

@@ -24,6 +24,7 @@ MIN_SPLINE_SAMPLES = 4  # samples that define a cubic spline
 MAX_STEP_RATIO = 4.0  # of nearby steps, beyond which a cubic spline amplifies the noise of samples
 UNEVEN_REACH = 4  # steps on both sides of an interval that are compared
 EXTENSION_PERIODS = 2.0  # periods of the cut-off by which the filter extends a signal at both ends
+FITTED_PERIODS = 1.5  # periods of the cut-off at an end, to which the parabola of the extension is fitted
 DIFFERENCE_REACH = 10  # samples on each side that a derivative uses
 
 
@@ -107,19 +108,33 @@ def filter_margin(rate: float, cutoff: float) -> int:
 def lowpass(values: Array, rate: float, cutoff: float) -> Array:
     """Low-pass filter signals without delay.
 
-    A Butterworth filter of order 4, forward and backward, so that half of the amplitude is left at the cut-off. At
-    both ends the signal is extended by its reflection about the last sample.
+    A Butterworth filter of order 4, forward and backward, so that half of the amplitude is left at the cut-off. Both
+    ends are extended by parabolas that are fitted to the samples nearby: an extension by reflection about the last
+    sample, as is usual, has twice the noise of that sample.
 
     Parameters
     ----------
-    values : (N, k), N > 15.
+    values : (N, k), N > 2.
     rate : samples per second.
     cutoff : cut-off frequency [Hz].
     """
     sections = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
-    extension = min(len(values) - 1, round(EXTENSION_PERIODS * rate / cutoff))
-    filtered: Array = sosfiltfilt(sections, values, axis=0, padlen=extension)
+    size = round(EXTENSION_PERIODS * rate / cutoff)
+    fitted = min(len(values), max(3, round(FITTED_PERIODS * rate / cutoff)))
+    before = _extrapolate_parabola(values[:fitted][::-1], size)[::-1]
+    after = _extrapolate_parabola(values[-fitted:], size)
+    extended = np.concatenate([before, values, after])
+    filtered: Array = sosfiltfilt(sections, extended, axis=0, padlen=0)[size : size + len(values)]
     return filtered
+
+
+def _extrapolate_parabola(values: Array, size: int) -> Array:
+    """The next values (size, k) of parabolas through values (N, k), by least squares."""
+    numbers = np.arange(len(values) + size) / len(values)
+    powers = np.vander(numbers, 3)
+    extrapolation = powers[len(values) :] @ np.linalg.pinv(powers[: len(values)])
+    extrapolated: Array = extrapolation @ values
+    return extrapolated
 
 
 def differentiate(values: Array, rate: float) -> Array:
