@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.recordings.sampling_times import SamplingTimes, are_even, fit_sampling_times, motion_errors
+from robot_dynamics.recordings.sampling_times import are_even, fit_sampling_times, motion_errors
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.recordings.sample_bands import SampleRow
     from robot_dynamics.recordings.sample_statistics import SampleStatistics
+    from robot_dynamics.recordings.sampling_times import SamplingTimes
 
 CONTEXT_ROWS = 1000  # latest rows that are kept to model the stamps of the next ones
 MODEL_INTERVAL = 0.1  # [s] of stamps after which the model is fitted anew
 HOLD_DURATION = 0.5  # [s] of the latest rows of a stream with a model, which later stamps may correct
-MAX_ERROR_RATIO = 0.8  # of motion errors: times of the model over stamps, below which the model is used
+MAX_ERROR_RATIO = 0.4  # of motion errors: times of the model over stamps, below which the model is used
 MAX_ERROR_RATIO_IN_USE = 1.2  # the same, for a model that is in use, and over more than one step
 LATE = 1e-9  # [s] by which late messages precede the message before
 MAX_HELD = 4  # samples in a row that repeat the values of the sample before and are skipped
@@ -124,10 +126,10 @@ class SampleStream:
         if model is None:
             return None
         q_dot = velocity[valid]
-        errors = motion_errors(model.times, q, q_dot)
+        errors = motion_errors(model.times, q, q_dot, model.parts)
         limits = np.full(len(errors), MAX_ERROR_RATIO_IN_USE)
         limits[0] = MAX_ERROR_RATIO_IN_USE if self._has_model else MAX_ERROR_RATIO
-        if not (errors < limits * motion_errors(stamps[valid], q, q_dot)).all():
+        if not (errors < limits * motion_errors(stamps[valid], q, q_dot, model.parts)).all():
             return None
         self._statistics.note_sampling_times(self._source, float((stamps[valid] - model.times).max()), model.period)
         # late messages and duplicates get times that are not later than those before, so that they are dropped
@@ -135,7 +137,7 @@ class SampleStream:
         times[is_late] -= LATE
         losses = np.zeros(len(rows), dtype=int)
         losses[valid] = model.losses
-        return SamplingTimes(times, model.period, losses)
+        return replace(model, times=times, losses=losses)
 
 
 def _fill_missing(position: Array) -> Array:

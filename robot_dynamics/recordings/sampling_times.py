@@ -24,7 +24,7 @@ from scipy.ndimage import median_filter, minimum_filter1d
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
 
-MIN_MODEL_SAMPLES = 64  # samples that are needed for a model
+MIN_MODEL_SAMPLES = 130  # samples that are needed for a model
 MAX_EVEN_DEVIATION = 0.1  # of the median step: stamps whose steps deviate less are even, and are not changed
 MIN_WINDOW = 64  # samples; windows are this long or, at high rates, LOSS_DURATION, whichever is longer
 LOSS_DURATION = 0.25  # [s] on each side of a loss, in which all stamps have to agree on it
@@ -37,7 +37,7 @@ MIN_SIGNAL = 4.0  # displacements over their changes, above which a loss is seen
 MAX_LOSS = 20  # lost samples beyond which the samples after them get an offset of their own
 MAX_PAUSE = 1.0  # [s] between stamps, beyond which the samples after it get an offset of their own
 MAX_SEARCHES = 50
-LAGS = (1, 4, 16)  # samples over which positions are compared with times
+LAGS = (1, 4, 16, 64)  # samples over which positions are compared with times
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,12 +45,13 @@ class SamplingTimes:
     """The model of the stamps of M samples.
 
     times: (M,) [s] at which they were sampled; period: [s] of the sender; losses: (M,) number of samples that were lost
-    before each, at most `MAX_LOSS`.
+    before each, at most `MAX_LOSS`; parts: (M,) numbers of the parts between pauses and longer losses.
     """
 
     times: Array
     period: float
     losses: IntArray
+    parts: IntArray
 
 
 def are_even(stamps: Array) -> bool:
@@ -88,7 +89,7 @@ def fit_sampling_times(stamps: Array, position: Array, velocity: Array) -> Sampl
         models.append(_fit_model(stamps, seen_losses, ratios, window))
     return min(
         (model for model in models if model is not None),
-        key=lambda model: motion_errors(model.times, position, velocity)[0],
+        key=lambda model: motion_errors(model.times, position, velocity, model.parts)[0],
         default=None,
     )
 
@@ -112,7 +113,7 @@ def _fit_model(stamps: Array, seen_losses: IntArray, ratios: Array, window: int)
             slopes.append((stop - start, slope))
     if not slopes:
         return None
-    return SamplingTimes(times, max(slopes)[1], np.where(is_cut, 0, losses))
+    return SamplingTimes(times, max(slopes)[1], np.where(is_cut, 0, losses), np.cumsum(is_cut))
 
 
 def _estimate_period(numbers: Array, stamps: Array, window: int) -> float:
@@ -222,12 +223,13 @@ def _fit_lines(numbers: Array, stamps: Array, window: int) -> tuple[Array, float
     return times, float(np.median(lines[:, 0]))
 
 
-def motion_errors(times: Array, position: Array, velocity: Array) -> Array:
+def motion_errors(times: Array, position: Array, velocity: Array, parts: IntArray) -> Array:
     """Sums of the squares by which positions (M, k) contradict times (M,) [s] of samples, for each of `LAGS` (L,).
 
     Displacements over some samples are compared with integrals of velocities, with one factor for each joint. Where no
     velocity (M, k) is measured (nan), each position is compared with the line through a sample before and one after it.
     Both hardly amplify noise, whatever the times. Short lags show jitter, long ones losses that were not noticed.
+    Samples are compared within parts (M,).
     """
     measured = np.isfinite(velocity).all(axis=0)
     errors = np.zeros(len(LAGS))
@@ -237,12 +239,15 @@ def motion_errors(times: Array, position: Array, velocity: Array) -> Array:
     q_measured = position[:, measured]
     q = position[:, ~measured]
     for number, lag in enumerate(LAGS):
-        expected = travel[lag:] - travel[:-lag]
-        displacement = q_measured[lag:] - q_measured[:-lag]
+        inside = (parts[lag:] == parts[:-lag])[:, None]
+        expected = (travel[lag:] - travel[:-lag]) * inside
+        displacement = (q_measured[lag:] - q_measured[:-lag]) * inside
         power = (expected**2).sum(0)
         product = (expected * displacement).sum(0)
         errors[number] += ((displacement**2).sum(0) - product**2 / np.where(power > 0, power, 1)).sum()
+        inside = (parts[2 * lag :] == parts[: -2 * lag])[:, None]
         span = times[2 * lag :] - times[: -2 * lag]
         share = np.where(span > 0, (times[lag:-lag] - times[: -2 * lag]) / np.where(span > 0, span, 1), 0.5)[:, None]
-        errors[number] += ((q[lag:-lag] - (1 - share) * q[: -2 * lag] - share * q[2 * lag :]) ** 2).sum()
+        deviation = q[lag:-lag] - (1 - share) * q[: -2 * lag] - share * q[2 * lag :]
+        errors[number] += ((deviation * inside) ** 2).sum()
     return errors
