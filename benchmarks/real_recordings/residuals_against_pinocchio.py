@@ -33,14 +33,19 @@ def find_recordings(folder):
 
 
 def compare(path, model, cutoff, measured_velocities):
-    """Return RMS (n,) of the residuals of a recording, and their ratios (n,) to those of the independent analysis."""
+    """Return RMS (n,) of the residuals of a recording, and their ratios (n,) to those of the independent analysis.
+
+    Return None if velocities are not measured.
+    """
     joints = list(model.names)[1:]
     signals = read_table(path, joints) if path.suffix == ".csv" else read_bag(path, joints)
+    if measured_velocities and not np.isfinite(signals.qd).all():
+        return None
     prepared, _ = prepare_motion(path, joints, cutoff, measured_velocities)
     expected = nearest_samples(analyse_signals(signals, cutoff, measured_velocities), prepared.times)
     stride = 1 + len(prepared.q) // MAX_FITTED_SAMPLES
     rms = fit_residuals(model, prepared, stride)
-    return rms, rms / fit_residuals(model, expected, stride), bool(np.isfinite(signals.qd).all())
+    return rms, rms / fit_residuals(model, expected, stride)
 
 
 def main():
@@ -53,12 +58,13 @@ def main():
     for path in find_recordings(options.folder):
         for velocities in (True, False):
             try:
-                rms, ratios, has_velocities = compare(path, model, options.cutoff, velocities)
+                residuals = compare(path, model, options.cutoff, velocities)
             except (RobotDynamicsError, ValueError) as error:
                 print(f"{path.name}: {error}")
                 break
-            if velocities and not has_velocities:
+            if residuals is None:
                 continue
+            rms, ratios = residuals
             label = "measured velocities" if velocities else "positions only"
             print(f"{path.name}, {label}")
             print("  RMS  ", *(f"{value:8.3f}" for value in rms))

@@ -36,7 +36,7 @@ DESCRIPTIONS: dict[CountName, str] = {
     "edges": "samples are at the ends of segments, where the filter has data on one side only, and were skipped",
     "second_source": "values of joints come from a second topic and were skipped",
     "zero_stamp": "messages have stamp zero; the time of recording is used instead",
-    "held": "messages repeat the values of the previous message while the joints move and were skipped",
+    "held": "messages repeat the values of the previous message and were skipped",
     "lost": "samples were lost between others; their times show it",
 }
 

@@ -21,7 +21,7 @@ HOLD_DURATION = 0.5  # [s] of the latest rows of a stream with a model, which la
 MAX_ERROR_RATIO = 0.4  # of motion errors: times of the model over stamps, below which the model is used
 MAX_ERROR_RATIO_IN_USE = 1.2  # the same, for a model that is in use, and over more than one step
 LATE = 1e-9  # [s] by which late messages precede the message before
-MAX_HELD = 4  # samples in a row that repeat the values of the sample before and are skipped
+MAX_REPEATS = 4  # rows that repeat the values of the row before and are skipped
 
 
 class SampleStream:
@@ -42,49 +42,41 @@ class SampleStream:
         self._statistics = statistics
         self._context: list[SampleRow] = []  # rows that were returned, with their stamps
         self._pending: list[SampleRow] = []
-        self._held = 0  # samples in a row that repeat the values of the one before
+        self._last: SampleRow | None = None  # the last row that was added
+        self._repeats: list[SampleRow] = []  # the last rows, if they have the values of the row before
+        self._is_constant = False  # whether values are equal for more than MAX_REPEATS rows
         self._has_model = False
         self._model_stamp = -np.inf  # newest stamp [s] when the model was fitted
 
     def __len__(self) -> int:
         """Number of rows that wait."""
-        return len(self._pending)
+        return len(self._pending) + len(self._repeats)
 
     def add(self, row: SampleRow) -> None:
-        """Add a row, whose time is its stamp [s]."""
-        if self._repeats_values(row):
-            self._statistics.counts["held"] += 1
-            self._held += 1
-            return
-        self._held = 0
-        self._pending.append(row)
+        """Add a row, whose time is its stamp [s].
 
-    def _repeats_values(self, row: SampleRow) -> bool:
-        """Whether a later message has the values of the row before, although the joints move.
-
-        A publisher that runs faster than its source repeats values: the first message has their time.
+        A publisher that is faster than its source repeats values until new ones come: the first row has their time,
+        and the others are skipped. Values that stay equal for longer are those of a robot at rest without noise.
         """
-        last = self._last(1)
-        # bytes are compared in a fraction of the time of arrays
-        if last is None or row.position.tobytes() != last.position.tobytes() or row.time <= last.time:
-            return False
-        if self._held >= MAX_HELD or any(a.tobytes() != b.tobytes() for a, b in zip(row[2:], last[2:], strict=True)):
-            return False
-        before = self._last(2)
-        if before is None or np.array_equal(before.position, last.position):
-            return False
-        # a simulated robot that stops has velocity zero, or is at rest for more than MAX_HELD samples
-        return not np.isfinite(row.velocity).all() or bool(row.velocity.any())
-
-    def _last(self, number: int) -> SampleRow | None:
-        """The last row, or the last but one, that was added; None where there is none."""
-        if len(self._pending) >= number:
-            return self._pending[-number]
-        number -= len(self._pending)
-        return self._context[-number] if len(self._context) >= number else None
+        last = self._last
+        self._last = row
+        if last is not None and row.time > last.time and _have_equal_values(row, last):
+            self._repeats.append(row)
+            if len(self._repeats) <= MAX_REPEATS and not self._is_constant:
+                return
+            self._is_constant = True
+            self._pending += self._repeats
+        else:
+            self._is_constant = False
+            self._statistics.counts["held"] += len(self._repeats)
+            self._pending.append(row)
+        self._repeats = []
 
     def release(self, final: bool = False) -> list[SampleRow]:
         """Return the rows whose times are known; final: all rows."""
+        if final:
+            self._pending += self._repeats
+            self._repeats = []
         if not self._pending:
             return []
         newest = self._pending[-1].time
@@ -138,6 +130,14 @@ class SampleStream:
         losses = np.zeros(len(rows), dtype=int)
         losses[valid] = model.losses
         return replace(model, times=times, losses=losses)
+
+
+def _have_equal_values(row: SampleRow, other: SampleRow) -> bool:
+    """Whether rows with measured efforts have equal positions, velocities and efforts."""
+    # bytes are compared in a fraction of the time of arrays
+    if row.position.tobytes() != other.position.tobytes() or row.effort.tobytes() != other.effort.tobytes():
+        return False
+    return row.velocity.tobytes() == other.velocity.tobytes() and bool(np.isfinite(row.effort).any())
 
 
 def _fill_missing(position: Array) -> Array:
