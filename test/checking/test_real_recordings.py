@@ -51,7 +51,8 @@ def test_check_of_a_panda_without_hand_has_the_residuals_of_the_reference():
         X = np.stack([rate, np.sign(rate), np.ones(len(rate))], axis=1)
         unexplained.append(np.sqrt(np.mean((r - X @ np.linalg.lstsq(X, r, rcond=None)[0]) ** 2)))
     assert (np.array(unexplained) < FACTOR * np.array([0.51, 0.37, 0.43, 0.65, 0.18, 0.21, 0.07])).all()
-    assert result.comparison.samples > 700 and result.cutoff == pytest.approx(6.0, abs=0.01)
+    # one of 50 messages repeats the values before it: the values have 29.4 Hz, of which the cut-off is a fifth
+    assert result.comparison.samples > 700 and result.cutoff == pytest.approx(5.88, abs=0.01)
 
 
 def test_bag_reads_the_rest_of_a_real_truncated_database(tmp_path):
