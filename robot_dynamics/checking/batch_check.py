@@ -142,17 +142,17 @@ def _check_path(options: CheckOptions, path: Path) -> Outcome:
 def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:
     """Summarize each joint over outcomes, of which at least one has a check."""
     checks = [outcome.check for outcome in outcomes if outcome.check is not None]
-    samples = sum(result.comparison.samples for result in checks)
+    samples = sum(result.comparison.counts for result in checks)
     total = np.zeros_like(checks[0].comparison.residual_sums)
     for result in checks:
         total += result.comparison.residual_sums
-    bias, mean_squares = total / samples
+    bias, mean_squares = total / np.maximum(samples, 1)
     return [
         JointSummary(
             joint=name,
             rms=float(np.sqrt(mean_squares[column])),
             bias=float(bias[column]),
-            failed=tuple(result.recording for result in checks if not result.verdicts[column].passed),
+            failed=tuple(result.recording for result in checks if result.verdicts[column].failed),
             worst=_worst_recording(checks, column),
         )
         for column, name in enumerate(checks[0].comparison.joint_names)
@@ -161,4 +161,4 @@ def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:
 
 def _worst_recording(checks: Sequence[CheckResult], column: int) -> str:
     """The recording in which the RMS of a joint is largest."""
-    return max(checks, key=lambda result: result.verdicts[column].joint.rms).recording
+    return max(checks, key=lambda result: np.nan_to_num(result.verdicts[column].joint.rms, nan=-1.0)).recording

@@ -20,36 +20,22 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from robot_dynamics.cli.check_tables import format_check, print_outcomes
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
 from robot_dynamics.cli.output_files import allow_closed_stdout, check_writable, check_writable_folder, write_text
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
-from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
 from robot_dynamics.errors import InvalidInputError, RecordingError, RobotDynamicsError
 from robot_dynamics.optional_packages import import_optional
 
 if TYPE_CHECKING:
     from robot_dynamics.checking.batch_check import CheckOptions, JointSummary, Outcome
     from robot_dynamics.checking.check import CheckResult
-    from robot_dynamics.cli.text_table import Cell
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.drives import Drives
 
 NAME = "replay-check"
 EXIT_CHECK_FAILED = 3
 REPORT_ENDING = ".html"
-TABLE_HEADER = [
-    "joint",
-    "verdict",
-    "RMS",
-    "tolerated",
-    "RMS/spread",
-    "largest",
-    "at [s]",
-    "bias",
-    "correlation",
-    "scale",
-    "unfiltered",
-]
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -58,9 +44,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_executor_arguments(parser)
     parser.add_argument(
         "--tolerances",
-        metavar="FILE",
-        help="YAML file with tolerated residuals; keys that it lacks are those of the default, "
-        "config/tolerances/default.yaml",
+        metavar="NAME",
+        help="tolerances: quick, normal (default) or strict, see config/tolerances, or a YAML file; keys that it lacks "
+        "are those of normal",
     )
     parser.add_argument(
         "--report",
@@ -249,76 +235,3 @@ def _output_names(paths: Sequence[str]) -> dict[str, str]:
     return {
         path: os.path.relpath(full, folder).replace(os.sep, "-") for path, full in zip(paths, absolute, strict=True)
     }
-
-
-def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) -> None:
-    """Print the outcomes of several recordings, and the summary of each joint."""
-    print_table(
-        ["recording", "verdict", "samples", "since [s]", "what is wrong"], [_outcome_row(each) for each in outcomes]
-    )
-    if joints:
-        rows: list[list[Cell]] = [
-            [joint.joint, round_to_digits(joint.rms, 3), round_to_digits(joint.bias, 3), len(joint.failed), joint.worst]
-            for joint in joints
-        ]
-        print_table(
-            ["joint", "RMS", "bias", "failed", "largest in"],
-            rows,
-            "Measured minus predicted effort of all recordings [N m or N]",
-        )
-    for outcome in outcomes:
-        if outcome.check is not None:
-            for note in outcome.check.notes:
-                print(f"note: {outcome.recording}: {note}")
-    passed = sum(1 for outcome in outcomes if outcome.passed)
-    unchecked = sum(1 for outcome in outcomes if outcome.check is None)
-    print(f"\n{passed} passed, {len(outcomes) - passed - unchecked} FAILED, {unchecked} not checked")
-
-
-def _outcome_row(outcome: Outcome) -> list[Cell]:
-    """Return the cells of a recording in the table of outcomes."""
-    if outcome.check is None:
-        return [outcome.recording, "not checked", None, None, outcome.error]
-    failed = ", ".join(verdict.joint.joint for verdict in outcome.check.verdicts if not verdict.passed)
-    fault = outcome.fault.sentence if outcome.fault else ""
-    return [
-        outcome.recording,
-        "passed" if outcome.passed else "FAILED",
-        outcome.check.comparison.samples,
-        outcome.check.first_failure_time,
-        "; ".join(filter(None, (failed, fault))),
-    ]
-
-
-def format_check(result: CheckResult, passed: bool | None = None, sentences: Sequence[str] = ()) -> str:
-    """Format the result of a check as text.
-
-    passed: verdict that includes the sentences; None: that of the result; sentences: further results, such as a fault.
-    """
-    passed = result.passed if passed is None else passed
-    lines = [
-        f"{result.recording} against {result.robot!r}: {result.comparison.samples} samples at {result.rate:.5g} Hz, "
-        f"{result.duration:.5g} s, filtered at {result.cutoff:.3g} Hz"
-    ]
-    lines += [f"note: {note}" for note in result.notes]
-    rows: list[list[Cell]] = []
-    for verdict in result.verdicts:
-        joint = verdict.joint
-        numbers = (
-            joint.rms,
-            verdict.tolerance,
-            joint.normalised,
-            joint.largest,
-            joint.at,
-            joint.bias,
-            joint.correlation,
-            joint.scale,
-            joint.rms_unfiltered,
-        )
-        cells = [round_to_digits(number, 3) for number in numbers]
-        rows.append([joint.joint, "passed" if verdict.passed else "FAILED", *cells])
-    lines.append(format_table(TABLE_HEADER, rows, "Measured minus predicted effort [N m or N]"))
-    lines += [f"{verdict.joint.joint}: {failure}" for verdict in result.verdicts for failure in verdict.failures]
-    onset = result.first_failure_time
-    since = "" if onset is None else f", out of tolerance since {onset:.4g} s"
-    return "\n".join([*lines, *sentences, "", f"{'passed' if passed else 'FAILED'}{since}"])

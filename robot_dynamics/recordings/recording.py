@@ -13,6 +13,7 @@ from robot_dynamics.recordings.bags import Bag
 from robot_dynamics.recordings.joint_motions import filter_motions
 from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
+from robot_dynamics.recordings.recorded_duration import count_duration
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.tables import Table
 
@@ -88,7 +89,8 @@ class Recording:
         RecordingError
             Where signals of joints are missing, or the samples are too few.
         """
-        samples = self.source.samples(self.topics, self.base)
+        statistics = SampleStatistics() if statistics is None else statistics
+        samples = count_duration(self.source.samples(self.topics, self.base), statistics)
         names = self.drives.names + (BASE_SIGNALS if self.base is not None else ())
         return resample_samples(samples if progress is None else progress(samples), names, statistics, rate)
 

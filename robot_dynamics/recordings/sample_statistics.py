@@ -49,6 +49,7 @@ class SampleStatistics:
     messages : messages read.
     origin : stamp [ns] of time 0.
     samples : samples after resampling.
+    recorded_duration : time [s] that the messages cover, without pauses of more than a second.
     joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
     """
 
@@ -56,6 +57,7 @@ class SampleStatistics:
     messages: int = 0
     origin: int = 0
     samples: int = 0
+    recorded_duration: float = 0.0
     joints: dict[str, dict[str, None]] = field(default_factory=dict)
 
     def note_joint(self, sentence: str, name: str) -> None:

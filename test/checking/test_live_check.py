@@ -66,7 +66,8 @@ def test_live_check_agrees_with_the_check_of_the_recording(tmp_path, every):
     # beyond the margins of pieces the transient of the filter has decayed to 1e-6
     assert np.abs(predicted - expected).max() < 1e-5 * np.abs(expected).max()
     for verdict, expected in zip(live.result().verdicts, result.verdicts, strict=True):
-        assert verdict.passed and verdict.joint.rms == pytest.approx(expected.joint.rms, rel=1e-4)
+        assert verdict.word == expected.word != "FAILED"
+        assert verdict.joint.rms == pytest.approx(expected.joint.rms, rel=1e-3)  # transients of 3 periods
         assert verdict.tolerance == pytest.approx(expected.tolerance, rel=1e-4)
 
 
