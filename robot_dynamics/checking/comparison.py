@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.prediction_filter import PredictedMotion
 
 WINDOW = 1.0  # [s] duration of the windows whose residuals are checked by themselves
+MIN_WINDOWS = 4  # for a standard deviation of the RMS
 MIN_WINDOW_PART = 0.25  # a window with fewer samples than this part of the largest counts as this part
 MIN_RELATIVE_VARIANCE = 1e-12  # of the squares of efforts; below it an effort is constant to rounding
 ONE_WAY_DIRECTION = 0.9  # mean of the sign of the velocity beyond which a joint moves one way
@@ -36,6 +37,7 @@ class JointComparison:
     samples : number of samples that count.
     resting : part of the samples, 0 to 1, at which the joint rests; they do not count.
     rms : RMS of the residual.
+    rms_deviation : standard deviation of the RMS, from the scatter between windows; nan for less than `MIN_WINDOWS`.
     rms_unfiltered : RMS of the residual of unfiltered efforts, measured and predicted.
     normalised : rms / spread.
     largest : largest absolute residual.
@@ -55,6 +57,7 @@ class JointComparison:
     samples: int
     resting: float
     rms: float
+    rms_deviation: float
     rms_unfiltered: float
     normalised: float
     largest: float
@@ -191,6 +194,7 @@ class Comparison:
             values = {
                 "resting": 1 - self.counts / max(1, self.samples),
                 "rms": rms,
+                "rms_deviation": self._rms_deviations(rms),
                 "rms_unfiltered": np.sqrt(self._unfiltered_squares / N),
                 "normalised": np.where(var_m > 0, rms / spread, np.nan),
                 "largest": self.largest,
@@ -212,6 +216,17 @@ class Comparison:
             )
             for joint, (name, scale) in enumerate(zip(self.joint_names, self._scale_sums.scales(), strict=True))
         ]
+
+    def _rms_deviations(self, rms: Array) -> Array:
+        """Standard deviations (n,) of the RMS (n,) of residuals: those of a ratio of sums over windows."""
+        count = len(self._windows)
+        if count < MIN_WINDOWS:
+            return np.full(len(rms), np.nan)
+        counts = np.array([window.counts for window in self._windows.values()])
+        squares = np.array([window.squares for window in self._windows.values()])
+        scatter = np.sqrt(((squares - rms**2 * counts) ** 2).sum(axis=0) * count / (count - 1))
+        deviations: Array = scatter / counts.sum(axis=0) / (2 * rms)
+        return deviations
 
     @property
     def window_rms(self) -> tuple[Array, Array]:

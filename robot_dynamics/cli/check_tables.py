@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
 
 if TYPE_CHECKING:
+    from robot_dynamics.checking.baseline import JointChange
     from robot_dynamics.checking.batch_check import JointSummary, Outcome
     from robot_dynamics.checking.check import CheckResult
     from robot_dynamics.cli.text_table import Cell
@@ -35,6 +36,11 @@ def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) 
     print_table(
         ["recording", "verdict", "samples", "since [s]", "what is wrong"], [_outcome_row(each) for each in outcomes]
     )
+    for outcome in outcomes:
+        if outcome.error is not None:
+            print(f"not checked: {outcome.recording}: {outcome.error}")
+        for failure in outcome.check.failures if outcome.check is not None else ():
+            print(f"{outcome.recording}: {failure}")
     if joints:
         rows: list[list[Cell]] = [
             [joint.joint, round_to_digits(joint.rms, 3), round_to_digits(joint.bias, 3), len(joint.failed), joint.worst]
@@ -57,16 +63,46 @@ def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) 
 def _outcome_row(outcome: Outcome) -> list[Cell]:
     """Return the cells of a recording in the table of outcomes."""
     if outcome.check is None:
-        return [outcome.recording, "not checked", None, None, outcome.error]
-    failed = ", ".join(verdict.joint.joint for verdict in outcome.check.verdicts if verdict.failed)
+        return [outcome.recording, "not checked", None, None, None]
+    failed = [verdict.joint.joint for verdict in outcome.check.verdicts if verdict.failed]
     fault = outcome.fault.sentence if outcome.fault else ""
     return [
         outcome.recording,
         "passed" if outcome.passed else "FAILED",
         outcome.check.comparison.samples,
         outcome.check.first_failure_time,
-        "; ".join(filter(None, (failed, *outcome.check.failures, fault))),
+        "; ".join(filter(None, (", ".join(failed), fault))),
     ]
+
+
+def format_changes(changes: Sequence[JointChange]) -> list[str]:
+    """Format the changes since a baseline: a table, and a sentence for each reason why a joint is worse."""
+    if not changes:
+        return []
+    several = len({change.recording for change in changes}) > 1
+    rows: list[list[Cell]] = [
+        [
+            change.recording if several else None,
+            change.joint,
+            "WORSE" if change.reasons else "not worse",
+            change.verdict_before,
+            change.verdict,
+            _round_finite(change.rms_before),
+            _round_finite(change.rms),
+            _round_finite(change.tolerated_increase),
+            _round_finite(change.scale_before),
+            _round_finite(change.scale),
+        ]
+        for change in changes
+        if change.reasons or not several
+    ]
+    header = ["recording", "joint", "change", "verdict before", "verdict", "RMS before", "RMS", "tolerated increase"]
+    lines = [format_table([*header, "scale before", "scale"], rows, "Compared with the baseline")] if rows else []
+    for change in changes:
+        name = f"{change.recording}: {change.joint}" if several else change.joint
+        lines += [f"{name}: worse than the baseline: {reason}" for reason in change.reasons]
+    worse = sum(bool(change.reasons) for change in changes)
+    return [*lines, f"{worse} of {len(changes)} joints are worse than in the baseline"]
 
 
 def format_check(result: CheckResult, passed: bool | None = None, sentences: Sequence[str] = ()) -> str:

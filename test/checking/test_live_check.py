@@ -18,6 +18,7 @@ from robot_dynamics.recordings.recording import open_recording
 DYNAMICS = Dynamics(load_robot("panda"))
 MOTION = panda_motion(duration=20.0)
 RATE = 100.0
+WRIST = ["panda_joint5", "panda_joint6", "panda_joint7"]
 
 
 def noisy(seed=0):
@@ -208,8 +209,9 @@ def test_live_check_drops_rows_that_raise_an_error(monkeypatch):
     ("robot", "bag", "reversed_joint", "expected"),
     [
         (str(REAL_DATA / "ur10/ur10.urdf"), "ur10/ur10_unisa_mcap", None, "all"),
-        ("panda", "panda/panda_unisa_mcap", None, []),
-        ("panda", "panda/panda_unisa_mcap", "panda_joint2", ["panda_joint2"]),
+        # the description has no friction, which is most of the effort of the wrist
+        ("panda", "panda/panda_unisa_mcap", None, WRIST),
+        ("panda", "panda/panda_unisa_mcap", "panda_joint2", ["panda_joint2", *WRIST]),
     ],
 )
 def test_live_check_of_real_robots_reports_the_joints_out_of_tolerance(robot, bag, reversed_joint, expected):

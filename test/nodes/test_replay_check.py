@@ -145,7 +145,9 @@ def test_robot_equal_to_its_model_passes_with_efforts_of_pinocchio(fresh):
     assert residuals.std(axis=0) == pytest.approx(np.full(7, NOISE * np.sqrt(8 / 100)), rel=0.4)
     assert any(level == OK for level, *_ in fresh.whole)
     report = fresh.call_trigger("report")
-    assert report.success and report.message.endswith("not judged: panda_joint7") and report.message.count("  passed") == 6
+    assert (
+        report.success and report.message.endswith("not judged: panda_joint7") and report.message.count("  passed") == 6
+    )
 
 
 def named(fresh):
