@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,8 +25,8 @@ DEFAULT = "normal"
 class Tolerances:
     """What is tolerated.
 
-    The RMS of the residual of a joint may be as large as the largest of four numbers, which the first four attributes
-    define.
+    The RMS of the residual of a joint has three parts, whose squares add up: errors of the model (the larger of the
+    first two attributes), noise and accuracy of the measurement (the next two).
 
     Attributes
     ----------
@@ -57,12 +58,16 @@ class Tolerances:
         limit: its effort limit [N m or N].
         """
         name = joint.joint
+        noise = self.of_joint("noise_factor", name) * joint.noise
+        accuracy = self.of_joint("effort_share", name) * limit
+        return math.hypot(self.model_tolerance(joint), noise, accuracy)
+
+    def model_tolerance(self, joint: JointComparison) -> float:
+        """The part of the tolerated RMS of a joint that errors of the model may have [N m or N]."""
         spread = joint.effort_rms if joint.moves_one_way else joint.spread
         return max(
-            self.of_joint("normalised_rms", name) * spread,
-            self.of_joint("relative_rms", name) * joint.effort_rms,
-            self.of_joint("noise_factor", name) * joint.noise,
-            self.of_joint("effort_share", name) * limit,
+            self.of_joint("normalised_rms", joint.joint) * spread,
+            self.of_joint("relative_rms", joint.joint) * joint.effort_rms,
         )
 
     def of_joint(self, key: str, joint: str) -> float:

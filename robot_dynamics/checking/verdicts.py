@@ -8,7 +8,7 @@ would be tolerated too: such a joint is not judged.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,11 +122,7 @@ def _why_not_judged(joint: JointComparison, tolerance: float, tolerances: Tolera
         return "the joint rests throughout"
     if joint.samples < MIN_MOVING_TIME * rate:
         return f"the joint moves for {joint.samples / rate:.2g} s only"
-    explained = max(
-        tolerances.of_joint("normalised_rms", joint.joint) * joint.spread,
-        tolerances.of_joint("relative_rms", joint.joint) * joint.effort_rms,
-    )
-    if joint.rms <= explained:
+    if joint.rms <= tolerances.model_tolerance(replace(joint, direction=0.0)):
         return ""
     if tolerance > MAX_TOLERATED_PART * joint.effort_rms:
         return f"its effort of {joint.effort_rms:.3g} RMS is too small for a tolerance of {tolerance:.3g}"
@@ -150,7 +146,10 @@ def _joint_failures(
     if not joint.rms <= tolerance:  # nan does not pass
         yield f"RMS {joint.rms:.3g} where {tolerance:.3g} is tolerated"
     if tolerance <= MAX_TOLERATED_PART * joint.spread:
-        least = tolerances.of_joint("min_correlation", joint.joint)
+        # noise of the measurement reduces the correlation
+        noise_squares = max(0.0, tolerance**2 - tolerances.model_tolerance(joint) ** 2)
+        attenuation = np.sqrt(max(0.0, 1 - noise_squares / joint.spread**2))
+        least = attenuation * tolerances.of_joint("min_correlation", joint.joint)
         if not joint.correlation >= least:
             yield f"correlation {joint.correlation:.3g} where {least:.3g} is needed"
         yield from _scale_failures(joint, tolerances.of_joint("max_scale_error", joint.joint))
@@ -177,7 +176,8 @@ def _probable_causes(joint: JointComparison) -> Iterator[str]:
     if joint.correlation < OPPOSITE_CORRELATION:
         yield "measured and predicted efforts have opposite signs"
     elif joint.correlation > CLOSE_CORRELATION and abs(joint.scale - 1) > LARGE_SCALE_ERROR:
-        yield f"measured is {joint.scale:.3g} times the prediction: another unit, a current or a gear ratio?"
+        cause = "a gain or a load" if 0.5 < joint.scale < 2 else "another unit, a current or a gear ratio"
+        yield f"measured is {joint.scale:.3g} times the prediction: {cause}?"
     elif abs(joint.bias) > BIAS_SHARE * joint.rms:
         yield f"most of it is a bias of {joint.bias:.3g}"
 
