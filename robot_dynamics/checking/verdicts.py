@@ -145,16 +145,23 @@ def _joint_failures(
         return
     if not joint.rms <= tolerance:  # nan does not pass
         yield f"RMS {joint.rms:.3g} where {tolerance:.3g} is tolerated"
-    if tolerance <= MAX_TOLERATED_PART * joint.spread:
-        # noise of the measurement reduces the correlation
-        noise_squares = max(0.0, tolerance**2 - tolerances.model_tolerance(joint) ** 2)
-        attenuation = np.sqrt(max(0.0, 1 - noise_squares / joint.spread**2))
+    uncertainty = _uncertainty(joint, tolerance, tolerances)
+    if uncertainty <= MAX_TOLERATED_PART * joint.spread:
+        # the correlation of a perfect model is lower by noise
+        attenuation = np.sqrt(1 - (uncertainty / joint.spread) ** 2)
         least = attenuation * tolerances.of_joint("min_correlation", joint.joint)
         if not joint.correlation >= least:
             yield f"correlation {joint.correlation:.3g} where {least:.3g} is needed"
         yield from _scale_failures(joint, tolerances.of_joint("max_scale_error", joint.joint))
     if not joint.rms <= tolerance:
         yield from _probable_causes(joint)
+
+
+def _uncertainty(joint: JointComparison, tolerance: float, tolerances: Tolerances) -> float:
+    """The part of the tolerated RMS [N m or N] that does not depend on the spread of the effort."""
+    measurement_squares = max(0.0, tolerance**2 - tolerances.model_tolerance(joint) ** 2)
+    load_error = tolerances.of_joint("relative_rms", joint.joint) * joint.effort_rms
+    return float(np.sqrt(measurement_squares + load_error**2))
 
 
 def _scale_failures(joint: JointComparison, tolerated: float) -> Iterator[str]:

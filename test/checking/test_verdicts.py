@@ -50,6 +50,13 @@ def test_efforts_that_are_good_but_scaled_fail(factor, word):
     assert verdict.word == word and (word == "passed" or "times the predicted ones" in verdict.failures[0])
 
 
+@pytest.mark.parametrize(("name", "factor"), [("quick", 1.2), ("normal", 1.1), ("strict", 1.06)])
+def test_each_set_of_tolerances_judges_the_scale(name, factor):
+    predicted = gravity(time_line())
+    for measured, passes in ((predicted, True), (factor * predicted, False), (predicted / factor, False)):
+        assert verdict_of(measured, predicted, noise=0.5, tolerances=load_tolerances(name)).passed == passes
+
+
 def test_a_change_of_friction_is_no_scale():
     """Efforts of gravity and friction, of which the friction is 20 % larger than predicted, as in a cold gear."""
     times = time_line()
