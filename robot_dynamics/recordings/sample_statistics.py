@@ -53,6 +53,7 @@ class SampleStatistics:
     messages : messages read.
     origin : stamp [ns] of time 0.
     samples : samples after resampling.
+    recorded_duration : time [s] that the messages cover, without pauses of more than a second.
     joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
     sampling_times : {topic or file: largest delay of its stamps, period of its sender [s]}, where stamps jitter.
     """
@@ -61,6 +62,7 @@ class SampleStatistics:
     messages: int = 0
     origin: int = 0
     samples: int = 0
+    recorded_duration: float = 0.0
     joints: dict[str, dict[str, None]] = field(default_factory=dict)
     sampling_times: dict[str, tuple[float, float]] = field(default_factory=dict)
 

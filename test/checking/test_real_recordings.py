@@ -32,7 +32,7 @@ def test_check_of_a_ur10_fails_in_all_joints_with_the_residuals_of_the_reference
     expected = np.array([21.6, 22.4, 16.9, 6.1, 4.1, 5.8])
     assert (rms(result) < FACTOR * expected).all() and (rms(result) > expected / FACTOR).all()
     correlation = [verdict.joint.correlation for verdict in result.verdicts]
-    assert correlation == pytest.approx([0.21, 0.95, 0.85, 0.27, 0.01, 0.03], abs=0.025)
+    assert correlation == pytest.approx([0.21, 0.95, 0.85, 0.27, 0.01, 0.03], abs=0.04)  # rest counted there
     assert not any(verdict.passed for verdict in result.verdicts)
     assert result.comparison.samples == 3441 - 32  # the edges
     assert [note.split()[0] for note in result.notes] == ["32"]
