@@ -18,6 +18,7 @@ import numpy as np
 from scipy import sparse
 
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.identification.description_prior import CHARACTERISTIC_LENGTH, parameter_scales
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.drives import Drives
 
-MIN_MASS = 0.05  # [kg] scale of links without mass in the description
-CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links
 PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
 OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
 MIN_EIGENVALUE = 1e-7  # smallest eigenvalue of a pseudo-inertia, in units of the scale of its link
@@ -121,25 +120,13 @@ def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
     grouping[b:, p:] = np.eye(drive_count)
     prior = np.concatenate([model.dynamics.parameters, np.zeros(drive_count)])
     prior_weights = np.concatenate([np.full(p, PRIOR_WEIGHT), np.full(drive_count, OFFSET_PRIOR_WEIGHT)])
-    scale = np.concatenate([_parameter_scales(robot), np.ones(drive_count)])
+    scale = np.concatenate([parameter_scales(robot), np.ones(drive_count)])
     H = A @ grouping * scale
     gradient = -(H.T @ y + prior_weights * prior / scale)
     constraints = [*_joint_constraints(model, scale), *_link_constraints(model, scale)]
     x = _minimize(H.T @ H + np.diag(prior_weights), gradient, constraints) * scale
     values = grouping @ x
     return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values)
-
-
-def _parameter_scales(robot: Robot) -> Array:
-    """Return the scale (p,) of each parameter."""
-    scales: list[float] = []
-    for index, link in enumerate(robot.links):
-        mass = max(abs(link.inertia.mass), MIN_MASS)
-        if index > 0 or robot.moving_base:
-            scales += [mass * CHARACTERISTIC_LENGTH**2] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
-        if index > 0:
-            scales += [1.0] * len(JOINT_PARAMETERS)
-    return np.array(scales)
 
 
 def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:

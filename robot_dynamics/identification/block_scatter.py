@@ -1,0 +1,78 @@
+"""Uncertainty of a fit from the scatter between blocks of samples, for residuals of any distribution.
+
+The residuals of a joint in a block form a cluster. The estimator is the cluster-robust covariance with the correction
+CR3, which is the jackknife that leaves out one cluster at a time: a cluster pulls the fit towards itself, so that its
+residuals are smaller than those of a fit without it.
+
+Source: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples" (2002);
+MacKinnon, Nielsen and Webb, "Cluster-robust inference: a guide to empirical practice" (2023).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.identification.motion_blocks import MotionBlocks
+
+MIN_REMAINDER = 1e-8  # least part of the information on a direction that counts as left without a cluster
+
+
+def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
+    """Estimate the covariance (k, k) of the errors along k directions.
+
+    Parameters
+    ----------
+    blocks : MotionBlocks
+        Blocks that were fitted.
+    weights : (n,) array
+        Weights of the squared residuals of each joint.
+    directions : (P, k) array
+        Directions in which the P parameters were fitted, scaled so that the weighted columns are orthonormal.
+    values : (P,) array
+        Fitted values.
+
+    Returns
+    -------
+    (k, k) array
+        Covariance of the coefficients of the directions.
+    """
+    k = directions.shape[1]
+    covariance = np.zeros((k, k))
+    count = 0
+    for factors in blocks.factors:
+        roots = np.sqrt(weights)[:, None]
+        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
+        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        count += 1
+        scores = _score_without_cluster(columns, residuals)
+        covariance += scores.T @ scores
+    return covariance * max(count - 1, 0) / max(count, 1)
+
+
+def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
+    """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
+    squares = np.zeros(len(weights))
+    for factors in blocks.factors:
+        roots = np.sqrt(weights)[:, None]
+        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
+        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        k = columns.shape[-1]
+        change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
+        squares += np.square((residuals + columns @ change) / roots).sum(axis=1)
+    return squares
+
+
+def _score_without_cluster(A: Array, r: Array) -> Array:
+    """Changes (..., k) of the coefficients if rows A (..., N, k) with residuals r (..., N) are left out.
+
+    The columns of all rows together are orthonormal; the change is then (1 - AᵀA)⁻¹ Aᵀ r. Directions that only these
+    rows determine do not change.
+    """
+    transposed = np.swapaxes(A, -1, -2)
+    remainder = (1 + MIN_REMAINDER) * np.eye(A.shape[-1]) - transposed @ A
+    scores: Array = np.linalg.solve(remainder, transposed @ r[..., None])[..., 0]
+    return scores
