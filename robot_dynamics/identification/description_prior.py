@@ -25,6 +25,7 @@ CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links
 WEIGHT_PER_EFFORT = 1 / (9.81 * 0.5)  # [kg/(N m)] mass that makes an effort at 0.5 m, where no link has a mass
 TYPICAL_RATE = 1.0  # [rad/s or m/s]
 TYPICAL_ACCELERATION = 10.0  # [rad/s² or m/s²]
+ROUNDING = 1e-12  # of the deviation of a parameter, below which its value is zero
 MIN_EFFORT = 1e-6  # of the largest effort: scale of joints without measured effort
 
 
@@ -70,6 +71,7 @@ def build_description_prior(model: IdentificationModel, efforts: Array) -> Descr
     covariance[:b, :b] = (grouping * scales**2) @ grouping.T
     covariance[b:, b:] = np.diag(offsets**2)
     deviations = np.sqrt(np.diagonal(covariance))
+    values[np.abs(values) < ROUNDING * deviations] = 0.0
     eigenvalues, vectors = np.linalg.eigh(covariance / deviations / deviations[:, None])
     return DescriptionPrior(values, deviations[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0)))
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.fitting import Fit
     from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.identification.sample_sums import FitQuality
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.drives import Drives
 
@@ -62,11 +63,28 @@ class ConsistentRobot:
         Drives with the identified offsets and losses of coupled motors.
     values : (P,) array
         Values of the parameters of the fit that the robot and the drives correspond to.
+    distance : float
+        RMS of the differences of the parameters of links from the description, in units of the scales of the links.
     """
 
     robot: Robot
     drives: Drives
     values: Array
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenRobot:
+    """A consistent robot with its residuals on the fitted data, and on data for validation if there are any."""
+
+    consistent: ConsistentRobot
+    training_quality: FitQuality
+    validation_quality: FitQuality | None
+
+    @property
+    def distance(self) -> float:
+        """Distance from the description, as that of the ConsistentRobot."""
+        return self.consistent.distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +144,9 @@ def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
     constraints = [*_joint_constraints(model, scale), *_link_constraints(model, scale)]
     x = _minimize(H.T @ H + np.diag(prior_weights), gradient, constraints) * scale
     values = grouping @ x
-    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values)
+    is_link = np.array([name.partition(".")[0] in LINK_PARAMETERS for name in names])
+    distance = float(np.sqrt(np.mean(np.square((x - prior) / scale)[:p][is_link])))
+    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values, distance)
 
 
 def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
