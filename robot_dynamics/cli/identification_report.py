@@ -54,7 +54,7 @@ class IdentificationResults:
 
     @property
     def growth(self) -> Array | None:
-        """(n,) RMS of the validation over that of the fit, of the written robot if there is one; None: no validation."""
+        """(n,) RMS of the validation over that of the fit; None: no validation."""
         fit = self.fit
         fitted, validated = fit.training_quality, fit.validation_quality
         if self.written is not None:

@@ -1,10 +1,11 @@
 """Identify a robot from recordings: fit base parameters, frictions and offsets to measured efforts.
 
 Prints a verdict on how well the recordings determine the robot, the residuals of each joint, and the parameters with
-their standard deviations. The description of --robot needs the right geometry; its masses may be wrong or missing. --output writes a description with the physically consistent
-inertias that are nearest to the fit. --output-drives writes what a description cannot contain: offsets of efforts,
-drive gains, and friction and rotor inertia of motors that turn with several joints. replay-check reads both. --gains
-identifies drive gains too. The exit status is 0, or 3 if the recordings do not determine the robot.
+their standard deviations. The description of --robot needs the right geometry; its masses may be wrong or missing.
+--output writes a description with the physically consistent inertias that are nearest to the fit. --output-drives
+writes what a description cannot contain: offsets of efforts, drive gains, and friction and rotor inertia of motors that
+turn with several joints. replay-check reads both. --gains identifies drive gains too. The exit status is 0, or 3 if the
+recordings do not determine the robot.
 """
 
 from __future__ import annotations

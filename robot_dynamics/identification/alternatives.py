@@ -63,9 +63,7 @@ def _held_out_rms(fit: Fit, kept: BoolArray) -> Array:
     factors = [TriangularFactors(part.triangles[..., columns], part.samples) for part in fit.blocks.factors]
     blocks = replace(fit.blocks, factors=tuple(factors))
     total = TriangularFactors(fit.factors.triangles[..., columns], fit.factors.samples)
-    indices = tuple(
-        index for index, is_kept in zip(fit.model.parameter_indices, kept, strict=False) if is_kept
-    )
+    indices = tuple(index for index, is_kept in zip(fit.model.parameter_indices, kept, strict=False) if is_kept)
     names = tuple(name for name, is_kept in zip(fit.model.names, kept, strict=True) if is_kept)
     model = replace(fit.model, parameter_indices=indices, names=names)
     efforts = np.linalg.norm(total.triangles[:, :, -1], axis=1) / np.sqrt(np.maximum(total.samples, 1))

@@ -55,14 +55,15 @@ def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, va
 
 def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
     """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
-    squares = np.zeros(len(weights))
+    squares: Array = np.zeros(len(weights))
     for factors in blocks.factors:
         roots = np.sqrt(weights)[:, None]
         columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
         residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
         k = columns.shape[-1]
         change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
-        squares += np.square((residuals + columns @ change) / roots).sum(axis=1)
+        held_out: Array = (residuals + columns @ change) / roots
+        squares = squares + np.einsum("ij,ij->i", held_out, held_out)
     return squares
 
 

@@ -60,7 +60,7 @@ def judge_determination(fit: Fit) -> Determination:
     verdicts = tuple(_verdict(error) for error in errors)
     is_poor = errors > MAX_WELL_DETERMINED
     shares = np.einsum("Njp,p->jp", X**2, np.diagonal(fit.covariance)) / len(X) / efforts[:, None] ** 2
-    order = np.argsort(-shares[is_poor].sum(axis=0), kind="stable")[:MAX_NAMES] if is_poor.any() else []
+    order = np.argsort(-shares[is_poor].sum(axis=0), kind="stable")[: MAX_NAMES if is_poor.any() else 0]
     return Determination(_verdict(float(errors.max())), verdicts, errors, tuple(model.names[index] for index in order))
 
 

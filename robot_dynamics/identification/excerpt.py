@@ -119,7 +119,7 @@ class Excerpt:
                 if not factors.samples.any():
                     continue
                 blocks = MotionBlocks.of_samples(self.recording.name, rows.q[block], rows.qd[block], factors)
-                total = total + FactorSums(blocks, rows.effective_samples * factors.samples)
+                total = total + FactorSums(blocks, rows.effective_samples * factors.samples.astype(float))
         return total
 
     def quality_sums(self, values: Array) -> QualitySums:

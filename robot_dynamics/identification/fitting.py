@@ -8,7 +8,6 @@ scatter between blocks of samples (`block_scatter`), and are at least those of w
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -21,7 +20,6 @@ from robot_dynamics.identification.fit_warnings import block_warnings, excitatio
 from robot_dynamics.identification.identification_model import FRICTION_PREFIXES
 from robot_dynamics.identification.sample_sums import NO_SAMPLES
 from robot_dynamics.identification.seen_directions import (
-    SeenSolution,
     drop_uncertain_directions,
     error_covariance,
     solve_seen_directions,
@@ -37,15 +35,13 @@ if TYPE_CHECKING:
     from robot_dynamics.identification.motion_blocks import MotionBlocks
     from robot_dynamics.identification.sample_sums import FactorSums, FitQuality
     from robot_dynamics.identification.samples import Samples
-    from robot_dynamics.identification.triangular_factors import (
-        LeastSquaresSolution,
-        TriangularFactors,
-    )
+    from robot_dynamics.identification.seen_directions import SeenSolution
+    from robot_dynamics.identification.triangular_factors import TriangularFactors
 
 FitMethod: TypeAlias = Literal["weighted", "ordinary", "robust"]
 
 REWEIGHTING_ITERATIONS = 6
-MAX_DEVIATION_OF_SEEN = 0.5  # standard deviation of a parameter that counts as seen, relative to that of the description
+MAX_DEVIATION_OF_SEEN = 0.5  # standard deviation of parameters that count as seen, over that of the description
 FRICTION_REPRODUCIBILITY = 0.02  # relative standard deviation of friction between runs, by temperature and age
 MAX_RESIDUAL_GROWTH = 1.01  # of the squared residuals, without the parameters that are not essential
 MAX_RELATIVE_DEVIATION = 0.1  # standard deviation of an essential parameter, relative to its value

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.identification.triangular_factors import TriangularFactors
-
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray, IntArray
+    from robot_dynamics.identification.triangular_factors import TriangularFactors
 
 BLOCK_DURATION = 1.0  # [s]
 MAX_BLOCKS = 64
@@ -54,9 +53,7 @@ class MotionSummary(NamedTuple):
         tolerance = POSITION_TOLERANCE * np.maximum(self.travel, block.travel) + MIN_TOLERANCE
         change = shift[:, None] * 0.5 * (self.accelerations + block.accelerations)
         near = np.abs(distance - shift[:, None] * velocity) < tolerance
-        similar = (
-            np.abs(block.velocities - self.velocities - change) < VELOCITY_TOLERANCE * tolerance / BLOCK_DURATION
-        )
+        similar = np.abs(block.velocities - self.velocities - change) < VELOCITY_TOLERANCE * tolerance / BLOCK_DURATION
         same: BoolArray = (near & similar).all(-1)
         return same
 

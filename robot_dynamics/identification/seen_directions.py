@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from robot_dynamics.identification.motion_blocks import MotionBlocks
     from robot_dynamics.identification.triangular_factors import TriangularFactors
 
-MIN_WHITE_PART = 0.5  # least variance, relative to that of white noise: scatter between few blocks may be small by chance
+MIN_WHITE_PART = 0.5  # least variance over that of white noise: few blocks may scatter little by chance
 ROUNDING = 1e-12  # relative singular value of directions that are not excited
 
 
