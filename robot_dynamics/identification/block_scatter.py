@@ -13,11 +13,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.motion_blocks import MotionBlocks
 
+MIN_BLOCKS = 4  # fewer blocks tell next to nothing of the scatter
 MIN_REMAINDER = 1e-8  # least part of the information on a direction that counts as left without a cluster
 
 
@@ -42,20 +45,26 @@ def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, va
     """
     k = directions.shape[1]
     covariance = np.zeros((k, k))
-    count = 0
     for factors in blocks.factors:
         roots = np.sqrt(weights)[:, None]
         columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
         residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
-        count += 1
         scores = _score_without_cluster(columns, residuals)
         covariance += scores.T @ scores
-    return covariance * max(count - 1, 0) / max(count, 1)
+    return covariance * _few_blocks_factor(len(blocks))
+
+
+def _few_blocks_factor(count: int) -> float:
+    """Factor of the jackknife variance of a number of blocks: with very few, Student's interval is much wider."""
+    if count >= MIN_BLOCKS:
+        return (count - 1) / count
+    quantile = student.ppf(0.975, max(count - 1, 1)) / norm.ppf(0.975)
+    return float(quantile**2)
 
 
 def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
     """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
-    squares: Array = np.zeros(len(weights))
+    squares: list[Array] = []
     for factors in blocks.factors:
         roots = np.sqrt(weights)[:, None]
         columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
@@ -63,8 +72,9 @@ def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, va
         k = columns.shape[-1]
         change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
         held_out: Array = (residuals + columns @ change) / roots
-        squares = squares + np.einsum("ij,ij->i", held_out, held_out)
-    return squares
+        squares.append(np.square(held_out).sum(axis=1))
+    total: Array = np.sum(squares, axis=0)
+    return total
 
 
 def _score_without_cluster(A: Array, r: Array) -> Array:
@@ -73,7 +83,8 @@ def _score_without_cluster(A: Array, r: Array) -> Array:
     The columns of all rows together are orthonormal; the change is then (1 - AᵀA)⁻¹ Aᵀ r. Directions that only these
     rows determine do not change.
     """
-    transposed = np.swapaxes(A, -1, -2)
-    remainder = (1 + MIN_REMAINDER) * np.eye(A.shape[-1]) - transposed @ A
+    transposed: Array = np.swapaxes(A, -1, -2)
+    unit: Array = np.eye(A.shape[-1])
+    remainder: Array = (1 + MIN_REMAINDER) * unit - transposed @ A
     scores: Array = np.linalg.solve(remainder, transposed @ r[..., None])[..., 0]
     return scores
