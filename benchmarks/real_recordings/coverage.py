@@ -10,8 +10,9 @@ deviations are right. The columns are
 * within run: deviations from the scatter between seconds of the run;
 * stated: these, with the change of friction between runs; what `robot-dynamics identify` prints.
 
-Runs that do not determine the robot are listed, and left out of the pairs. Runs of the same motion share the errors of the model, so that their differences are smaller. Runs on different days
-differ by the friction, which depends on temperature.
+Runs that do not determine the robot are listed, and left out of the pairs. Runs of the same motion share the errors of
+the model, so that their differences are smaller. Runs on different days differ by the friction, which depends on
+temperature.
 """
 
 from __future__ import annotations

@@ -83,8 +83,7 @@ def _score_without_cluster(A: Array, r: Array) -> Array:
     The columns of all rows together are orthonormal; the change is then (1 - AᵀA)⁻¹ Aᵀ r. Directions that only these
     rows determine do not change.
     """
-    transposed: Array = np.swapaxes(A, -1, -2)
-    unit: Array = np.eye(A.shape[-1])
-    remainder: Array = (1 + MIN_REMAINDER) * unit - transposed @ A
-    scores: Array = np.linalg.solve(remainder, transposed @ r[..., None])[..., 0]
+    transposed = np.swapaxes(A, -1, -2)
+    remainder = (1 + MIN_REMAINDER) * np.eye(A.shape[-1]) - transposed @ A
+    scores: Array = np.asarray(np.linalg.solve(remainder, transposed @ r[..., None])[..., 0], dtype=float)
     return scores
