@@ -89,13 +89,12 @@ def error_covariance(
 ) -> tuple[Array, float]:
     """Covariance (P, P) of the values, and by what factor variances exceed those of white noise.
 
-    Deviations are those of the scatter between blocks, correlations those of white noise, which are known better.
+    The variance of each direction is that of the scatter between blocks. Errors of different directions count as
+    independent, as they are for white noise: a few dozen blocks tell their variances, not all their covariances.
     Directions that are not seen have the covariance of the description.
     """
     directions = solution.directions
-    white = directions @ directions.T / share
-    variances = np.maximum(np.diagonal(directions @ scatter @ directions.T), MIN_WHITE_PART * np.diagonal(white))
-    ratios = np.sqrt(variances / np.maximum(np.diagonal(white), 1e-300))
+    variances = np.maximum(np.diagonal(scatter), MIN_WHITE_PART / share)
     inflation = float(np.exp(np.mean(np.log(np.maximum(np.diagonal(scatter) * share, 1))))) if len(scatter) else 1.0
     unseen = prior.root - prior.root @ solution.basis @ solution.basis.T
-    return white * ratios * ratios[:, None] + unseen @ unseen.T, inflation
+    return (directions * variances) @ directions.T + unseen @ unseen.T, inflation
