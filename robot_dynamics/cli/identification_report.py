@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.cli.text_table import print_table, round_to_digits
-from robot_dynamics.identification.validation_verdict import MAX_VALIDATION_GROWTH, validation_growth
+from robot_dynamics.identification.validation_verdict import failed_validations, validation_growth
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray
@@ -53,25 +53,34 @@ class IdentificationResults:
     notes: tuple[str, ...] = ()
 
     @property
-    def growth(self) -> Array | None:
-        """(n,) RMS of the validation over that of the fit; None: no validation."""
+    def validated_pair(self) -> tuple[FitQuality, FitQuality] | None:
+        """Residuals on fitted data and on data for validation, of the written robot if there is one."""
         fit = self.fit
         fitted, validated = fit.training_quality, fit.validation_quality
         if self.written is not None:
             fitted, validated = self.written.training_quality, self.written.validation_quality
-        return None if validated is None else validation_growth(fitted, validated)
+        return None if validated is None else (fitted, validated)
+
+    @property
+    def failed(self) -> list[bool]:
+        """Whether the validation of each joint fails; all False without validation."""
+        pair = self.validated_pair
+        n = len(self.fit.model.dynamics.joint_names)
+        return [False] * n if pair is None else failed_validations(*pair).tolist()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the fit, and of joints whose validation is much worse than the fit."""
-        growth = self.growth
-        names = self.fit.model.dynamics.joint_names
-        worse = [] if growth is None else [
-            f"{name} {ratio:.1f} times" for name, ratio in zip(names, growth, strict=True)
-            if ratio > MAX_VALIDATION_GROWTH
-        ]  # fmt: skip
-        if not worse:
+        pair = self.validated_pair
+        if pair is None or not any(self.failed):
             return self.fit.warnings
+        growth = validation_growth(*pair)
+        names = self.fit.model.dynamics.joint_names
+        worse = [
+            f"{name} {ratio:.1f} times"
+            for name, ratio, is_failed in zip(names, growth, self.failed, strict=True)
+            if is_failed
+        ]
         warning = (
             f"on data that the fit has not seen the residuals are larger than on fitted data: {', '.join(worse)}. The "
             "robot has changed, or the fit describes one recording only: use more recordings"
@@ -134,6 +143,7 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
     ]
     determination = results.determination
     written = results.written
+    pair = results.validated_pair
     return {
         "format": 1,
         "robot": model.dynamics.robot.name,
@@ -153,7 +163,8 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
         "consistent": None if written is None else _quality_as_dict(written.training_quality),
         "consistent_validated": None if written is None else _quality_as_dict(written.validation_quality),
         "distance_to_description": None if written is None else written.distance,
-        "validation_growth": None if results.growth is None else results.growth.tolist(),
+        "validation_growth": None if pair is None else np.nan_to_num(validation_growth(*pair)).tolist(),
+        "validation_failed": results.failed,
         "alternatives": [
             {
                 "option": alternative.option,
@@ -215,7 +226,6 @@ def _print_residuals(results: IdentificationResults) -> None:
     """Print the RMS residuals of each joint, those of the written robot first."""
     fit = results.fit
     written = results.written
-    growth = results.growth
     columns: list[tuple[str, Array | None]] = [
         ("written: validated", None if written is None else _rms(written.validation_quality)),
         ("written: fitted", None if written is None else _rms(written.training_quality)),
@@ -228,8 +238,7 @@ def _print_residuals(results: IdentificationResults) -> None:
     rows: list[list[Cell]] = []
     for index, name in enumerate(fit.model.dynamics.joint_names):
         cells: list[Cell] = [None if values is None else round_to_digits(values[index], 3) for _, values in columns]
-        is_worse = growth is not None and growth[index] > MAX_VALIDATION_GROWTH
-        rows.append([name, *cells, "validation fails" if is_worse else ""])
+        rows.append([name, *cells, "validation fails" if results.failed[index] else ""])
     print_table(["joint", *(title for title, _ in columns), ""], rows, "Measured minus fitted effort, RMS [N m or N]")
 
 
