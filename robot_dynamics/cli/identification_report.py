@@ -27,7 +27,8 @@ RESIDUAL_LEGEND = (
     "written: the physically consistent robot of --output. unconstrained: least squares without physical limits.\n"
     "fitted: RMS on the recordings that were fitted. validated: RMS on data that the fit has not seen.\n"
     "held out: RMS on seconds of the fitted recordings that were left out of the fit one by one.\n"
-    "spread: standard deviation of the measured effort. All in the band of the filter, without samples at rest."
+    "unfiltered: RMS of the unconstrained fit before the filter. spread: standard deviation of the measured effort.\n"
+    "Samples at which a joint rests do not count."
 )
 PARAMETER_LEGEND = (
     "deviation: standard deviation, from the scatter between seconds of motion, and for friction 2 % between runs.\n"
