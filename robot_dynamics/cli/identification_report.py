@@ -238,6 +238,9 @@ def _print_residuals(results: IdentificationResults) -> None:
     ]
     rows: list[list[Cell]] = []
     for index, name in enumerate(fit.model.dynamics.joint_names):
+        if fit.training_quality.moving[index] == 0:
+            rows.append([name, *[None] * len(columns), "at rest"])
+            continue
         cells: list[Cell] = [None if values is None else round_to_digits(values[index], 3) for _, values in columns]
         rows.append([name, *cells, "validation fails" if results.failed[index] else ""])
     print_table(["joint", *(title for title, _ in columns), ""], rows, "Measured minus fitted effort, RMS [N m or N]")
