@@ -34,7 +34,9 @@ class Known:
         qd = (amplitudes * pulsations * np.cos(angles)).sum(axis=1).T
         qdd = -(amplitudes * pulsations**2 * np.sin(angles)).sum(axis=1).T
         efforts = dynamics.inverse(q, qd, qdd)
-        self.motion = Motion(0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(count, dtype=bool))
+        self.motion = Motion(
+            0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(count, dtype=bool), np.ones(q.shape, dtype=bool)
+        )
 
     def motions(self, statistics, *, cutoff=None, progress=None):
         yield self.motion
