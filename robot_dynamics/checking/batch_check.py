@@ -15,6 +15,7 @@ from robot_dynamics.checking.check import Predictor, check
 from robot_dynamics.checking.faults import Evidence
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.recordings.recording import moving_base_link, open_recording
+from robot_dynamics.recordings.sample_range import WHOLE
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import ProgressWrapper, Recording
+    from robot_dynamics.recordings.sample_range import SampleRange
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +40,7 @@ class CheckOptions:
     cutoff : cut-off frequency [Hz]; None: as for `check`.
     rate : samples per second of the grid; None: as recorded.
     faults : whether to find the fault that explains the residuals.
+    sample_range : the part of each recording that is used.
     """
 
     dynamics: Dynamics
@@ -47,6 +50,7 @@ class CheckOptions:
     cutoff: float | None = None
     rate: float | None = None
     faults: bool = False
+    sample_range: SampleRange = WHOLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +137,8 @@ def check_recording(
 
 def _check_path(options: CheckOptions, path: Path) -> Outcome:
     try:
-        recording = open_recording(path, options.drives, options.topics, moving_base_link(options.dynamics))
+        base = moving_base_link(options.dynamics)
+        recording = open_recording(path, options.drives, options.topics, base, options.sample_range)
         return Outcome(str(path), *check_recording(recording, options))
     except RobotDynamicsError as error:
         return Outcome(str(path), error=str(error))
@@ -142,17 +147,17 @@ def _check_path(options: CheckOptions, path: Path) -> Outcome:
 def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:
     """Summarize each joint over outcomes, of which at least one has a check."""
     checks = [outcome.check for outcome in outcomes if outcome.check is not None]
-    samples = sum(result.comparison.samples for result in checks)
+    samples = sum(result.comparison.counts for result in checks)
     total = np.zeros_like(checks[0].comparison.residual_sums)
     for result in checks:
         total += result.comparison.residual_sums
-    bias, mean_squares = total / samples
+    bias, mean_squares = total / np.maximum(samples, 1)
     return [
         JointSummary(
             joint=name,
             rms=float(np.sqrt(mean_squares[column])),
             bias=float(bias[column]),
-            failed=tuple(result.recording for result in checks if not result.verdicts[column].passed),
+            failed=tuple(result.recording for result in checks if result.verdicts[column].failed),
             worst=_worst_recording(checks, column),
         )
         for column, name in enumerate(checks[0].comparison.joint_names)
@@ -161,4 +166,4 @@ def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:
 
 def _worst_recording(checks: Sequence[CheckResult], column: int) -> str:
     """The recording in which the RMS of a joint is largest."""
-    return max(checks, key=lambda result: result.verdicts[column].joint.rms).recording
+    return max(checks, key=lambda result: np.nan_to_num(result.verdicts[column].joint.rms, nan=-1.0)).recording

@@ -15,6 +15,7 @@ from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RE
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from robot_dynamics.array_types import Array
     from robot_dynamics.checking.check import CheckResult
 
 COLUMNS = 3  # of a grid of joints
@@ -39,7 +40,7 @@ def write_figures(check: CheckResult, folder: Path) -> list[Path]:
 
 def _draw_efforts(check: CheckResult) -> Figure:
     """Measured and predicted efforts over time on the left, residuals on the right, a row for each joint."""
-    times, measured, predicted, _ = check.comparison.plot_samples
+    times, measured, predicted, _, _ = check.comparison.plot_samples
     n = len(check.verdicts)
     figure = Figure(figsize=(11, 1.9 * n), layout="constrained")
     rows = figure.subplots(n, 2, sharex=True, squeeze=False)
@@ -47,7 +48,7 @@ def _draw_efforts(check: CheckResult) -> Figure:
         joint = verdict.joint
         axes[0].plot(times, measured[:, column], color=MEASURED, lw=0.8, label="measured")
         axes[0].plot(times, predicted[:, column], color=PREDICTED, lw=0.8, label="predicted")
-        axes[0].set_title(f"{joint.joint}: {'passed' if verdict.passed else 'FAILED'}", fontsize=9)
+        axes[0].set_title(f"{joint.joint}: {verdict.word}", fontsize=9)
         axes[1].plot(times, measured[:, column] - predicted[:, column], color=RESIDUAL, lw=0.8)
         axes[1].axhspan(-verdict.tolerance, verdict.tolerance, color=RESIDUAL, alpha=0.1)
         axes[1].set_title(f"residual, RMS {joint.rms:.3g}, tolerated {verdict.tolerance:.3g}", fontsize=9)
@@ -61,21 +62,30 @@ def _draw_efforts(check: CheckResult) -> Figure:
 
 def _draw_histograms(check: CheckResult) -> Figure:
     """Histograms of the residuals."""
-    _, measured, predicted, _ = check.comparison.plot_samples
-    residuals = measured - predicted
-    figure = _draw_grid(check, lambda axes, column: axes.hist(residuals[:, column], bins=60, color=RESIDUAL))
+    residuals = _moving_residuals(check)
+    figure = _draw_grid(check, lambda axes, column: _draw_histogram(axes, residuals[:, column]))
     figure.supxlabel("residual [N m or N]")
     return figure
 
 
+def _draw_histogram(axes: Axes, values: Array) -> None:
+    axes.hist(values[np.isfinite(values)], bins=60, color=RESIDUAL)
+
+
 def _draw_friction(check: CheckResult) -> Figure:
     """Residuals over velocity."""
-    _, measured, predicted, velocities = check.comparison.plot_samples
-    residuals = measured - predicted
+    velocities = check.comparison.plot_samples.velocities
+    residuals = _moving_residuals(check)
     figure = _draw_grid(check, lambda axes, column: axes.plot(velocities[:, column], residuals[:, column], ".", ms=1.5))
     figure.supxlabel("velocity [rad/s or m/s]")
     figure.supylabel("residual [N m or N]")
     return figure
+
+
+def _moving_residuals(check: CheckResult) -> Array:
+    """Residuals (K, n) of the samples for figures; nan where the joint rests."""
+    samples = check.comparison.plot_samples
+    return np.where(samples.moving, samples.measured - samples.predicted, np.nan)
 
 
 def _draw_grid(check: CheckResult, draw: Callable[[Axes, int], object]) -> Figure:

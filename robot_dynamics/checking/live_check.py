@@ -1,27 +1,32 @@
 """A check of a running robot: joint samples in as they come, predicted efforts and verdicts out a little later.
 
-The filter without delay uses later samples. Predictions therefore follow their samples by the margin of the filter, 6
-periods of the cut-off (0.75 s at 8 Hz), plus the new part of a piece; verdicts follow when their window is complete.
+The filters without delay use later samples. Predictions therefore follow their samples by the margins of the filters of
+motions and of predictions, 6 and 3 periods of the cut-off (1.125 s at 8 Hz), plus the new part of a piece; verdicts
+follow when their window is complete.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.checking.check import CheckResult, Predictor
+from robot_dynamics.checking.coverage import compute_coverage, coverage_failure, recording_failures
+from robot_dynamics.checking.prediction_filter import PredictionFilter
 from robot_dynamics.checking.status_tracker import StatusTracker
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.alignment import Resampler
 from robot_dynamics.recordings.joint_motions import MotionFilter
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
+from robot_dynamics.recordings.recorded_duration import RecordedDuration
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.checking.prediction_filter import PredictedMotion
     from robot_dynamics.checking.status_tracker import JointStatus
     from robot_dynamics.checking.tolerances import Tolerances
     from robot_dynamics.dynamics import Dynamics
@@ -33,6 +38,7 @@ if TYPE_CHECKING:
 DEFAULT_SPAN = 5.0  # [s] of the latest samples that verdicts refer to
 PIECE_MARGINS = 2.4  # length of a piece in margins of the filter: 0.3 s of it are new at 8 Hz
 WARM_UP_DURATION = 1.0  # [s] of stamps that are needed to measure the rate
+MAX_WAITING_TIME = 5.0  # [s] that messages wait for windows and filters; later ones were skipped
 MAX_PENDING_ROWS = 20_000  # rows that wait for joints without messages
 MAX_MESSAGE_LAYOUTS = 1000  # kinds of messages whose last arrival is kept
 
@@ -45,17 +51,19 @@ class EffortPrediction:
     ----------
     stamps : (N,) [ns] stamps of the samples, as in their messages.
     motion : of N samples.
-    predicted : (N, n) [N m or N].
+    predicted : (N, n) efforts of the model [N m or N].
+    filtered : (N, n) the same through the filter of the measured efforts.
     """
 
     stamps: IntArray
     motion: Motion
     predicted: Array
+    filtered: Array
 
     @property
     def residuals(self) -> Array:
-        """(N, n) measured less predicted efforts; nan where no effort was measured."""
-        return np.where(self.motion.has_efforts, self.motion.efforts - self.predicted, np.nan)
+        """(N, n) measured less predicted efforts, both filtered; nan where no effort was measured."""
+        return np.where(self.motion.has_efforts, self.motion.efforts - self.filtered, np.nan)
 
 
 class LiveCheck:
@@ -103,6 +111,9 @@ class LiveCheck:
         base_signals = BASE_SIGNALS if dynamics.robot.moving_base else ()
         self._resampler = Resampler(drives.names + base_signals, self.statistics, rate)
         self._filter = MotionFilter(drives, self.statistics, cutoff, PIECE_MARGINS)
+        self._prediction_filter = PredictionFilter()
+        self._tolerances = tolerances
+        self._recorded = RecordedDuration()
         self._first_stamp: int | None = None
         self._is_warm = False  # whether stamps cover the warm-up
         self._arrivals: dict[tuple[str, ...], int] = {}  # receive time [ns] of the last message with these names
@@ -131,6 +142,7 @@ class LiveCheck:
             Where the sample cannot be used.
         """
         self._note_arrival(sample)
+        self._recorded.feed(sample)
         offset = self._resampler.offset
         try:
             self._resampler.feed(sample)
@@ -201,43 +213,65 @@ class LiveCheck:
             reason = "; ".join(self.statistics.sentences) or "no message names the joints"
             raise RecordingError(f"nothing was compared yet: {reason}")
         verdicts, segments = self._tracker.total_verdicts()
+        coverage = self.coverage
         return CheckResult(
             recording="joint states",
             robot=self.dynamics.robot.name,
             rate=latest_motion.rate,
             cutoff=latest_motion.cutoff,
             duration=latest_motion.end,
+            coverage=coverage,
             verdicts=verdicts,
+            failures=tuple(recording_failures(coverage, verdicts, self._tolerances)),
             segments=segments,
             notes=tuple(self.statistics.sentences),
             comparison=self._tracker.total,
         )
 
+    @property
+    def coverage(self) -> float:
+        """Part of the time of the messages, 0 to 1, that is compared, without messages that wait in the filters."""
+        motion = self._tracker.latest_motion
+        offset = self._resampler.offset
+        if motion is None or offset is None or self._recorded.latest_stamp is None:
+            return 1.0
+        waiting = (self._recorded.latest_stamp + offset) / 1e9 - motion.end
+        waiting = min(max(0.0, waiting), MAX_WAITING_TIME)
+        return compute_coverage(self._tracker.total.samples / motion.rate, self._recorded.seconds - waiting)
+
+    @property
+    def coverage_failure(self) -> str:
+        """Why the coverage is no pass; empty where it is."""
+        if self._recorded.seconds < MAX_WAITING_TIME:
+            return ""
+        return coverage_failure(self.coverage, self._tolerances)
+
     def _flush_filter(self, offset: int | None) -> list[EffortPrediction]:
-        """The predictions of samples that wait in the filter for later ones."""
-        return self._predict_motions(self._filter.flush(), offset)
+        """The predictions of samples that wait in the filters for later ones."""
+        predictions = self._predict_motions(self._filter.flush(), offset)
+        return predictions + [self._compare(part, offset) for part in self._prediction_filter.flush()]
 
     def _predict_segments(self, segments: Iterable[SignalSegment], offset: int | None) -> list[EffortPrediction]:
         motions = (motion for segment in segments for motion in self._filter.feed(segment))
         return self._predict_motions(motions, offset)
 
     def _predict_motions(self, motions: Iterable[Motion], offset: int | None) -> list[EffortPrediction]:
-        predictions = (self._predict(motion, offset) for motion in motions)
-        return [prediction for prediction in predictions if prediction is not None]
+        return [self._compare(part, offset) for motion in motions for part in self._predict(motion)]
 
-    def _predict(self, motion: Motion, offset: int | None) -> EffortPrediction | None:
-        """The prediction of a motion, added to the comparisons; None where its numbers are too large.
-
-        offset: added to stamps [ns] to get times.
-        """
-        assert offset is not None, "a motion follows from samples, which set the offset"
+    def _predict(self, motion: Motion) -> Iterator[PredictedMotion]:
+        """Yield the predictions that are complete with a motion; a motion of too large numbers is skipped."""
         with np.errstate(all="ignore"):
             predicted = self._predictor(motion)
             # squares, as comparisons sum them
             is_bounded = np.isfinite(predicted * predicted).all() and np.isfinite(motion.efforts * motion.efforts).all()
-        if not is_bounded:
+        if is_bounded:
+            yield from self._prediction_filter.feed(motion, predicted)
+        else:
             self.statistics.counts["unbounded"] += len(motion)
-            return None
-        stamps = np.round(motion.times * 1e9).astype(np.int64) - offset
-        self._tracker.add(motion, predicted, offset)
-        return EffortPrediction(stamps, motion, predicted)
+
+    def _compare(self, part: PredictedMotion, offset: int | None) -> EffortPrediction:
+        """Add a filtered prediction to the comparisons; offset: added to stamps [ns] to get times."""
+        assert offset is not None, "a motion follows from samples, which set the offset"
+        self._tracker.add(part, offset)
+        stamps = np.round(part.motion.times * 1e9).astype(np.int64) - offset
+        return EffortPrediction(stamps, part.motion, part.predicted, part.filtered)

@@ -10,6 +10,8 @@ from html import escape
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 from robot_dynamics.optional_packages import import_optional
 
@@ -17,7 +19,9 @@ if TYPE_CHECKING:
     from plotly.basedatatypes import BaseTraceType
     from plotly.graph_objects import Figure
 
-    from robot_dynamics.checking.check import CheckResult, Verdict
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.checking.check import CheckResult
+    from robot_dynamics.checking.verdicts import Verdict
 
 TABLE_HEADER = (
     "joint",
@@ -30,8 +34,10 @@ TABLE_HEADER = (
     "bias",
     "correlation",
     "scale",
+    "deviation",
     "RMS unfiltered",
-    "failures",
+    "at rest",
+    "reason",
 )
 MAX_POINTS = 1500  # points of a joint over velocity: each is an element of the page
 COLUMNS = 3  # of a grid of joints
@@ -43,7 +49,8 @@ th { text-align: right; font-weight: 600; border-bottom: 2px solid #d0d7de; padd
 td { text-align: right; border-bottom: 1px solid #eaeef2; padding: .3rem .5rem }
 th:first-child, td:first-child, th:last-child, td:last-child { text-align: left }
 .badge { border-radius: 1rem; padding: .1rem .7rem; color: white; font-weight: 600; font-size: 13px }
-.passed { background: #1a7f37 } .failed { background: #d1242f } .quiet { color: #57606a }
+.passed { background: #1a7f37 } .failed { background: #d1242f }
+.not-judged { background: #6e7781 } .quiet { color: #57606a }
 """
 
 
@@ -66,11 +73,13 @@ def html_report(check: CheckResult) -> str:
         f"<title>{escape(check.recording)} against {escape(check.robot)}</title>",
         f"<link rel='icon' href='data:,'><style>{STYLE}</style>",
         f"<script>{import_plotly('offline').get_plotlyjs()}</script></head><body>",
-        f"<h1>{escape(check.recording)} {_badge(check.passed)}</h1>",
+        f"<h1>{escape(check.recording)} {_badge('passed' if check.passed else 'failed')}</h1>",
         f"<p>against robot <b>{escape(check.robot)}</b>: {check.comparison.samples} samples at {check.rate:.5g} Hz, "
-        f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay. Efforts are in N m (N for prismatic "
-        "joints). The residual is measured less predicted effort, the spread is the standard deviation of the measured "
-        "effort.</p>",
+        f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay, {100 * check.coverage:.3g} % of the "
+        "recorded time. Efforts are in N m (N for prismatic joints). The residual is measured less predicted effort, "
+        "both filtered; the spread is the standard deviation of the measured effort. Samples at which a joint rests do "
+        "not count.</p>",
+        *(f"<p><b>{escape(failure)}</b></p>" for failure in check.failures),
         _joint_table(check),
         _segment_table(check),
         _note_list(check),
@@ -83,9 +92,9 @@ def html_report(check: CheckResult) -> str:
     return "\n".join([*parts, "</body></html>"])
 
 
-def _badge(passed: bool) -> str:
-    word = "passed" if passed else "failed"
-    return f"<span class='badge {word}'>{word}</span>"
+def _badge(word: str) -> str:
+    """A verdict: passed, failed or not judged."""
+    return f"<span class='badge {word.replace(' ', '-')}'>{word}</span>"
 
 
 def _joint_table(check: CheckResult) -> str:
@@ -105,13 +114,15 @@ def _joint_row(verdict: Verdict) -> str:
         joint.bias,
         joint.correlation,
         joint.scale,
+        joint.scale_deviation,
         joint.rms_unfiltered,
+        joint.resting,
     )
     cells = [
         escape(joint.joint),
-        _badge(verdict.passed),
+        _badge(verdict.word.lower()),
         *(f"{number:.3g}" for number in numbers),
-        escape("; ".join(verdict.failures)),
+        escape("; ".join(verdict.reasons)),
     ]
     return "".join(f"<td>{cell}</td>" for cell in cells)
 
@@ -138,7 +149,7 @@ def _note_list(check: CheckResult) -> str:
 def _joint_figure(check: CheckResult, column: int) -> Figure:
     """Efforts over time, and the residual below, with the tolerance and the segments that exceed it."""
     go = import_plotly("graph_objects")
-    times, measured, predicted, _ = check.comparison.plot_samples
+    times, measured, predicted, _, _ = check.comparison.plot_samples
     verdict = check.verdicts[column]
     figure = import_plotly("subplots").make_subplots(
         rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06, row_heights=[0.6, 0.4]
@@ -159,23 +170,28 @@ def _joint_figure(check: CheckResult, column: int) -> Figure:
 
 
 def _histograms(check: CheckResult) -> Figure:
-    _, measured, predicted, _ = check.comparison.plot_samples
-    residuals = measured - predicted
+    residuals = _moving_residuals(check)
     Histogram = import_plotly("graph_objects").Histogram
     return _grid(check, lambda column: Histogram(x=residuals[:, column], nbinsx=80, marker_color=RESIDUAL))
 
 
 def _friction(check: CheckResult) -> Figure:
     """Residuals over velocity, of MAX_POINTS samples or a few more."""
-    _, measured, predicted, velocities = check.comparison.plot_samples
-    rows = slice(None, None, max(1, len(measured) // MAX_POINTS))
-    residuals = (measured - predicted)[rows]
+    velocities = check.comparison.plot_samples.velocities
+    rows = slice(None, None, max(1, len(velocities) // MAX_POINTS))
+    residuals = _moving_residuals(check)[rows]
     Scatter = import_plotly("graph_objects").Scatter
     marker = {"size": 3, "color": MEASURED}
     return _grid(
         check,
         lambda column: Scatter(x=velocities[rows, column], y=residuals[:, column], mode="markers", marker=marker),
     )
+
+
+def _moving_residuals(check: CheckResult) -> Array:
+    """Residuals (K, n) of the samples for figures; nan where the joint rests."""
+    samples = check.comparison.plot_samples
+    return np.where(samples.moving, samples.measured - samples.predicted, np.nan)
 
 
 def _grid(check: CheckResult, make_trace: Callable[[int], BaseTraceType]) -> Figure:

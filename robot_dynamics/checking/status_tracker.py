@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.checking.check import compute_verdicts, effort_limits
 from robot_dynamics.checking.comparison import WINDOW, Comparison
+from robot_dynamics.checking.verdicts import compute_verdicts, effort_limits, tolerated_rms
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
-    from robot_dynamics.checking.check import FailedSegment, Verdict
+    from robot_dynamics.checking.prediction_filter import PredictedMotion
     from robot_dynamics.checking.tolerances import Tolerances
+    from robot_dynamics.checking.verdicts import FailedSegment, Verdict
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.joint_motions import Motion
 
@@ -47,14 +47,7 @@ class JointStatus:
     @property
     def warning(self) -> str:
         """Why a joint within tolerance does not pass: no effort was measured, or its RMS is close to the limit."""
-        return "" if self.failed_since is not None or self.verdict.passed else "; ".join(self.verdict.failures)
-
-
-class WindowPart(NamedTuple):
-    """The part of a motion in one window, and its predicted efforts (N, n)."""
-
-    motion: Motion
-    predicted: Array
+        return "" if self.failed_since is not None else "; ".join(self.verdict.failures)
 
 
 class StatusTracker:
@@ -82,20 +75,20 @@ class StatusTracker:
         self._span = span
         self._span_factor = 1 + (tolerances.window_factor - 1) * np.sqrt(WINDOW / max(span, WINDOW))
         self._window_number = 0
-        self._window: list[WindowPart] = []  # the window that is not complete yet
-        self._recent_windows: deque[list[WindowPart]] = deque()  # complete windows in the span
+        self._window: list[PredictedMotion] = []  # the window that is not complete yet
+        self._recent_windows: deque[list[PredictedMotion]] = deque()  # complete windows in the span
         self._failed_since: dict[str, int] = {}  # by joint
         self._last_failures: dict[str, FailureTimes] = {}  # by joint
 
-    def add(self, motion: Motion, predicted: Array, offset: int) -> None:
-        """Add a motion and its predicted efforts (N, n); offset: added to stamps [ns] to get times."""
-        numbers = np.floor(motion.times / WINDOW + 1e-9).astype(int)
+    def add(self, part: PredictedMotion, offset: int) -> None:
+        """Add a motion and its predicted efforts; offset: added to stamps [ns] to get times."""
+        numbers = np.floor(part.motion.times / WINDOW + 1e-9).astype(int)
         cuts = [0, *(np.flatnonzero(np.diff(numbers)) + 1), len(numbers)]
         for begin, end in pairwise(cuts):
             if numbers[begin] != self._window_number:
                 self.close_window(offset)
             self._window_number = int(numbers[begin])
-            self._window.append(WindowPart(motion.slice_samples(begin, end), predicted[begin:end]))
+            self._window.append(part.slice_samples(begin, end))
 
     def close_window(self, offset: int) -> None:
         """Add the current window, complete or not, to the sums, and update the statuses."""
@@ -104,7 +97,7 @@ class StatusTracker:
             return
         self._window = []
         for part in window:
-            self.total.add(*part)
+            self.total.add(part)
         self.total.drop_windows_before(self._window_number - HISTORY_WINDOWS)
         self.latest_motion = window[-1].motion
         self._recent_windows.append(window)
@@ -118,22 +111,26 @@ class StatusTracker:
         return self._verdicts(self.total)
 
     def _verdicts(self, comparison: Comparison) -> tuple[tuple[Verdict, ...], tuple[FailedSegment, ...]]:
+        """Verdicts on a comparison; what is tolerated depends on the efforts of all samples so far."""
+        assert self.latest_motion is not None, "a window is complete"
         limits = effort_limits(self._dynamics.robot, self._dynamics.joint_names, self.total.peaks)
-        return compute_verdicts(comparison, limits, self._tolerances)
+        tolerated = tolerated_rms(self.total, limits, self._tolerances)
+        return compute_verdicts(comparison, tolerated, self._tolerances, self.latest_motion.rate)
 
     def _update_statuses(self, end: float, offset: int) -> None:
         """Compute the states of the joints from the windows in the span, which end at a time [s]."""
         recent = Comparison(self._dynamics.joint_names)
         for window in self._recent_windows:
             for part in window:
-                recent.add(*part)
+                recent.add(part)
         verdicts, segments = self._verdicts(recent)
         failed_names = {segment.joint for segment in segments}
         starts, rms = recent.window_rms
         self.joint_statuses = []
         for column, verdict in enumerate(verdicts):
             name = verdict.joint.joint
-            exceeds = recent.has_efforts[column] and not verdict.joint.rms <= verdict.tolerance * self._span_factor
+            is_compared = recent.has_efforts[column] and recent.counts[column] > 0
+            exceeds = is_compared and not verdict.joint.rms <= verdict.tolerance * self._span_factor
             if exceeds or name in failed_names:
                 first = starts[np.argmax(rms[:, column] > verdict.tolerance)]
                 self._failed_since.setdefault(name, round(first * 1e9) - offset)

@@ -1,10 +1,11 @@
 """Identify a robot from recordings: fit base parameters, frictions and offsets to measured efforts.
 
-Prints the residuals of each joint, and the parameters with their standard deviations. The description of --robot needs
-the right geometry; its masses may be wrong or missing. --output writes a description with the physically consistent
-inertias that are nearest to the fit. --output-drives writes what a description cannot contain: offsets of efforts,
-drive gains, and friction and rotor inertia of motors that turn with several joints. replay-check reads both. --gains
-identifies drive gains too.
+Prints a verdict on how well the recordings determine the robot, the residuals of each joint, and the parameters with
+their standard deviations. The description of --robot needs the right geometry; its masses may be wrong or missing.
+--output writes a description with the physically consistent inertias that are nearest to the fit. --output-drives
+writes what a description cannot contain: offsets of efforts, drive gains, and friction and rotor inertia of motors that
+turn with several joints. replay-check reads both. --gains identifies drive gains too. The exit status is 0, or 3 if the
+recordings do not determine the robot.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from robot_dynamics.cli.output_files import (
 )
 from robot_dynamics.cli.payload_arguments import add_gain_arguments, parse_known_payloads
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
-from robot_dynamics.errors import RecordingError
+from robot_dynamics.errors import MissingPackageError, RecordingError, SingularModelError
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 
 if TYPE_CHECKING:
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from robot_dynamics.identification.drive_gains import DriveGains
     from robot_dynamics.identification.fitting import Fit
     from robot_dynamics.identification.identification_model import EffortModel, JointEffortModel
+    from robot_dynamics.identification.physical_consistency import WrittenRobot
     from robot_dynamics.identification.samples import Samples
     from robot_dynamics.recordings.recording import Recording
 
@@ -42,11 +44,15 @@ ModelT = TypeVar("ModelT", bound="EffortModel")
 MAX_HOLD_OUT = 0.95
 
 
+NOT_DETERMINED_EXIT_STATUS = 3
+
+
 class Identification(NamedTuple):
-    """A fit, the samples that were fitted, and the drive gains if they were identified."""
+    """A fit, the samples that were fitted and those for validation, and the drive gains if they were identified."""
 
     fit: Fit
     samples: Samples[JointEffortModel]
+    validation: Samples[JointEffortModel] | None
     gains: DriveGains | None
 
 
@@ -93,8 +99,8 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--json", metavar="FILE", help="write all results as JSON")
 
 
-def run(arguments: Namespace) -> None:
-    """Identify the robot, print the results and write the output files."""
+def run(arguments: Namespace) -> int:
+    """Identify the robot, print the results, write the output files, and return the exit status."""
     for option, path in (("--output", arguments.output), ("--output-drives", arguments.output_drives)):
         if path is not None:
             check_ending(path, YAML_ENDINGS, option, YAML_HINT)
@@ -105,32 +111,67 @@ def run(arguments: Namespace) -> None:
         raise RecordingError(f"--hold-out {arguments.hold_out:g}: a part of 0 to {MAX_HOLD_OUT} is needed")
     if arguments.hold_out and arguments.validate:
         raise RecordingError("--hold-out and --validate exclude each other: use one of the two")
-    from robot_dynamics.cli.identification_report import as_dict, print_fit, print_gains
+    from robot_dynamics.cli.identification_report import IdentificationResults, as_dict, print_results
+    from robot_dynamics.identification.alternatives import try_alternatives
+    from robot_dynamics.identification.determination import judge_determination
     from robot_dynamics.identification.fitting import select_essential_parameters
-    from robot_dynamics.identification.physical_consistency import fit_consistent_robot, import_convex_solver
+    from robot_dynamics.identification.physical_consistency import import_convex_solver
     from robot_dynamics.recordings.drives import write_drives
 
     writes_robot = bool(arguments.output or arguments.output_drives)
     if writes_robot:
         import_convex_solver()  # fails before the computation if the solver is missing
     with open_executor(arguments) as executor:
-        fit, samples, gains = identify(arguments, dynamics, recordings, executor)
-        consistent = fit_consistent_robot(fit) if writes_robot else None
-        consistent_quality = None if consistent is None else samples.quality(consistent.values)
-    essential = select_essential_parameters(fit)
+        identification = identify(arguments, dynamics, recordings, executor)
+        written, notes = _compute_written_robot(identification, is_required=writes_robot)
+    fit = identification.fit
+    results = IdentificationResults(
+        fit=fit,
+        essential=select_essential_parameters(fit),
+        determination=judge_determination(fit),
+        written=written,
+        alternatives=try_alternatives(fit),
+        gains=identification.gains,
+        notes=notes,
+    )
     try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the results are printed
-        if consistent is not None and arguments.output:
-            write_text(arguments.output, write_mdh_yaml(consistent.robot))
-        if consistent is not None and arguments.output_drives:
-            write_text(arguments.output_drives, write_drives(consistent.drives))
+        if written is not None and arguments.output:
+            write_text(arguments.output, write_mdh_yaml(written.consistent.robot))
+        if written is not None and arguments.output_drives:
+            write_text(arguments.output_drives, write_drives(written.consistent.drives))
         if arguments.json:
-            results = as_dict(fit, essential, consistent_quality, gains)
-            write_text(arguments.json, json.dumps(results, indent=1) + "\n")
+            write_text(arguments.json, json.dumps(as_dict(results), indent=1) + "\n")
     finally:
         with allow_closed_stdout():
-            print_fit(fit, essential, consistent_quality)
-            if gains is not None:
-                print_gains(gains)
+            print_results(results)
+    return NOT_DETERMINED_EXIT_STATUS if results.determination.verdict == "not determined" else 0
+
+
+def _compute_written_robot(
+    identification: Identification, *, is_required: bool
+) -> tuple[WrittenRobot | None, tuple[str, ...]]:
+    """Compute the physically consistent robot with its residuals, and notes if that is impossible and not required."""
+    from robot_dynamics.identification.physical_consistency import WrittenRobot, fit_consistent_robot
+
+    try:
+        consistent = fit_consistent_robot(identification.fit)
+    except MissingPackageError as error:
+        if is_required:
+            raise
+        return None, (f"the physically consistent robot was not computed: {error}",)
+    except SingularModelError as error:
+        if is_required:
+            raise
+        return None, (str(error),)
+    validation = identification.validation
+    return (
+        WrittenRobot(
+            consistent,
+            identification.samples.quality(consistent.values),
+            None if validation is None else validation.quality(consistent.values),
+        ),
+        (),
+    )
 
 
 def identify(
@@ -176,4 +217,4 @@ def identify(
     elif arguments.validate:
         validation = samples_of(recordings[count:], model)
     fit = fit_parameters(samples, method=arguments.method, validation=validation)
-    return Identification(fit if gains is None else gains.include_gain_uncertainty(fit), samples, gains)
+    return Identification(fit if gains is None else gains.include_gain_uncertainty(fit), samples, validation, gains)

@@ -12,8 +12,8 @@ from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.model.loading import shipped_robots
 
 # Arguments of all verbs that name input and output files.
-INPUT_ARGUMENTS = ("recordings", "validate", "robot", "values", "drives", "tolerances", "golden")
-OUTPUT_ARGUMENTS = ("target", "output", "output_drives", "json", "report", "csv", "write_golden")
+INPUT_ARGUMENTS = ("recordings", "validate", "robot", "values", "drives", "tolerances", "golden", "baseline")
+OUTPUT_ARGUMENTS = ("target", "output", "output_drives", "json", "junit", "report", "csv", "write_golden")
 RECORDING_SUFFIXES = (".mcap", ".db3", ".csv", ".yaml")  # endings of the files in the folder of a recording
 YAML_ENDINGS = (".yaml", ".yml")
 YAML_HINT = "The verb convert converts a robot in YAML to a URDF or a .par"

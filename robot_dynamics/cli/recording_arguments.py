@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
+from math import inf
 from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.robot_arguments import ROBOT_HELP, add_description_arguments, load_robot_argument
@@ -12,6 +14,7 @@ from robot_dynamics.errors import RecordingError
 
 if TYPE_CHECKING:
     from robot_dynamics.recordings.recording import Recording
+    from robot_dynamics.recordings.sample_range import SampleRange
 
 
 def add_recording_arguments(parser: ArgumentParser, recordings: tuple[str, str | None]) -> None:
@@ -55,6 +58,45 @@ def add_recording_arguments(parser: ArgumentParser, recordings: tuple[str, str |
         metavar="HZ",
         help="samples per second to which signals are interpolated (default: as recorded)",
     )
+    parser.add_argument(
+        "--from",
+        dest="start",
+        type=float,
+        metavar="S",
+        help="use each recording from this time on, in seconds after its first message; times of the results count "
+        "from there",
+    )
+    parser.add_argument(
+        "--to", dest="end", type=float, metavar="S", help="use each recording up to this time, in seconds as for --from"
+    )
+    parser.add_argument(
+        "--samples",
+        metavar="A:B",
+        help="use the messages (rows of a CSV file) with the numbers A to B - 1 of each recording; the first one is 0, "
+        "A or B may be left out",
+    )
+
+
+def parse_sample_range(arguments: Namespace) -> SampleRange:
+    """The part of each recording that --from, --to and --samples select. Raises RecordingError."""
+    from robot_dynamics.recordings.sample_range import SampleRange
+
+    start = arguments.start
+    end = arguments.end
+    for option, time in (("--from", start), ("--to", end)):
+        if time is not None and not 0 <= time < inf:
+            raise RecordingError(f"{option} {time:g}: seconds after the first message are needed, 0 or more")
+    if end is not None and end <= (start or 0):
+        raise RecordingError(f"--to {end:g}: a time after --from {start or 0:g} is needed")
+    if arguments.samples is None:
+        return SampleRange(start, end)
+    match = re.fullmatch(r"(\d*):(\d*)", arguments.samples)
+    if match is None:
+        raise RecordingError(f"--samples {arguments.samples}: A:B with whole numbers is needed, as 0:2000 or 500:")
+    first, last = (int(number) if number else None for number in match.groups())
+    if last is not None and last <= (first or 0):
+        raise RecordingError(f"--samples {arguments.samples}: the second number must be larger than the first")
+    return SampleRange(start, end, first, last)
 
 
 def open_recordings(arguments: Namespace, paths: Iterable[str]) -> tuple[Dynamics, list[Recording]]:
@@ -73,4 +115,5 @@ def open_recordings(arguments: Namespace, paths: Iterable[str]) -> tuple[Dynamic
         )
     drives = load_drives(arguments.drives, dynamics.joint_names)
     base = moving_base_link(dynamics)
-    return dynamics, [open_recording(path, drives, arguments.topic, base) for path in paths]
+    part = parse_sample_range(arguments)
+    return dynamics, [open_recording(path, drives, arguments.topic, base, part) for path in paths]

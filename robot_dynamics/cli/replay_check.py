@@ -4,52 +4,36 @@ The table has one row for each joint: its verdict, the RMS of the residual (meas
 largest RMS that is tolerated. Reports (HTML), figures (PNG) and JSON are written on request, before the table is
 printed. Several recordings are checked one by one and summarised.
 
-The exit status is 0 if all joints of all recordings pass; 3 if a tolerance is exceeded, predictions differ from a
-golden bag, or --faults identifies a fault; 1 if no check failed but a recording or another file could not be read.
+The exit status is 0 if all recordings pass; 3 if a joint is out of tolerance, too little was compared, predictions
+differ from a golden bag, a joint is worse than in --baseline, or --faults identifies a fault; 1 if no check failed but
+a recording or another file could not be read.
 """
 
 from __future__ import annotations
 
-import json
-import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from robot_dynamics.cli.check_files import CheckFiles
+from robot_dynamics.cli.check_tables import format_changes, format_check, print_outcomes
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
-from robot_dynamics.cli.output_files import allow_closed_stdout, check_writable, check_writable_folder, write_text
-from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
-from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
-from robot_dynamics.errors import InvalidInputError, RecordingError, RobotDynamicsError
+from robot_dynamics.cli.output_files import allow_closed_stdout
+from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings, parse_sample_range
+from robot_dynamics.errors import RecordingError, RobotDynamicsError
 from robot_dynamics.optional_packages import import_optional
 
 if TYPE_CHECKING:
-    from robot_dynamics.checking.batch_check import CheckOptions, JointSummary, Outcome
-    from robot_dynamics.checking.check import CheckResult
-    from robot_dynamics.cli.text_table import Cell
+    from robot_dynamics.checking.baseline import JointChange
+    from robot_dynamics.checking.batch_check import CheckOptions, Outcome
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.drives import Drives
 
 NAME = "replay-check"
 EXIT_CHECK_FAILED = 3
-REPORT_ENDING = ".html"
-TABLE_HEADER = [
-    "joint",
-    "verdict",
-    "RMS",
-    "tolerated",
-    "RMS/spread",
-    "largest",
-    "at [s]",
-    "bias",
-    "correlation",
-    "scale",
-    "unfiltered",
-]
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -58,9 +42,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     add_executor_arguments(parser)
     parser.add_argument(
         "--tolerances",
-        metavar="FILE",
-        help="YAML file with tolerated residuals; keys that it lacks are those of the default, "
-        "config/tolerances/default.yaml",
+        metavar="NAME",
+        help="tolerances: quick, normal (default) or strict, see config/tolerances, or a YAML file; keys that it lacks "
+        "are those of normal",
     )
     parser.add_argument(
         "--report",
@@ -87,7 +71,17 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="identify the fault that explains the residuals, and its onset; a fault fails the check. The model "
         "must fit the recording before the fault",
     )
+    parser.add_argument(
+        "--baseline",
+        metavar="FILE",
+        help="JSON file of an earlier check: joints that are worse than there, beyond the scatter, fail the check",
+    )
     parser.add_argument("--json", metavar="FILE", help="write all results as JSON, one entry for each recording")
+    parser.add_argument(
+        "--junit",
+        metavar="FILE",
+        help="write the verdicts as JUnit XML: a test suite for each recording, a test case for each joint",
+    )
 
 
 def run(arguments: Namespace) -> int:
@@ -101,76 +95,18 @@ def run(arguments: Namespace) -> int:
         import_plotly("graph_objects")  # fails before the computation if plotly is missing
     if arguments.pictures:
         import_optional("matplotlib.figure", "--pictures")
-    files = _OutputFiles.plan(arguments, paths)
+    files = CheckFiles.plan(arguments, paths)
+    if arguments.baseline:
+        from robot_dynamics.checking.baseline import Baseline
+
+        Baseline(arguments.baseline)  # fails before the computation if the file cannot be read
     with open_executor(arguments) as executor:
         if len(paths) == 1 and executor is None:
             return _check_one(arguments, paths[0], files)
         return _check_many(arguments, paths, files, executor)
 
 
-@dataclass(frozen=True)
-class _OutputFiles:
-    """The files that the verb writes.
-
-    Attributes
-    ----------
-    json : path of the JSON file; None: it is not written.
-    reports : path of the report of each recording; empty: none is written.
-    pictures : folder of the pictures of each recording; empty: none are written.
-    """
-
-    json: str | None
-    reports: dict[str, Path]
-    pictures: dict[str, Path]
-
-    @classmethod
-    def plan(cls, arguments: Namespace, paths: Sequence[str]) -> _OutputFiles:
-        """Name the files, and check before the computation that they can be written. Raises RobotDynamicsError."""
-        names = _output_names(paths)
-        reports: dict[str, Path] = {}
-        pictures: dict[str, Path] = {}
-        if arguments.report:
-            target = Path(arguments.report)
-            is_file = target.suffix.lower() == REPORT_ENDING and not target.is_dir()
-            if is_file and len(paths) > 1:
-                raise InvalidInputError(
-                    f"--report {target}: each of {len(paths)} recordings has a report: name a folder, without "
-                    f"{REPORT_ENDING}"
-                )
-            (check_writable if is_file else check_writable_folder)(target)
-            reports = {path: target if is_file else target / f"{name}{REPORT_ENDING}" for path, name in names.items()}
-        if arguments.pictures:
-            folder = Path(arguments.pictures)
-            check_writable_folder(folder)
-            pictures = {path: folder if len(paths) == 1 else folder / name for path, name in names.items()}
-        if arguments.json:
-            check_writable(arguments.json)
-        return cls(arguments.json, reports, pictures)
-
-    def write_figures(self, path: str, result: CheckResult) -> None:
-        """Write the report and the pictures of the recording at a path, those that are wanted."""
-        if path in self.reports:
-            from robot_dynamics.checking.report import html_report
-
-            write_text(self.reports[path], html_report(result))
-        if path in self.pictures:
-            from robot_dynamics.checking.figures import write_figures
-
-            write_figures(result, self.pictures[path])
-
-    def write_json(self, recordings: Sequence[dict[str, object]], joints: Sequence[JointSummary]) -> None:
-        """Write the results of recordings, one or more, and the summaries of their joints as JSON."""
-        if self.json:
-            figures = {
-                "format": 2,
-                "passed": all(recording["passed"] for recording in recordings),
-                "recordings": recordings,
-                "joints": [asdict(joint) for joint in joints],
-            }
-            write_text(self.json, json.dumps(figures, indent=1) + "\n")
-
-
-def _check_one(arguments: Namespace, path: str, files: _OutputFiles) -> int:
+def _check_one(arguments: Namespace, path: str, files: CheckFiles) -> int:
     dynamics, _ = open_recordings(arguments, [])
     from robot_dynamics.checking.batch_check import Outcome, check_recording, summarize_joints
     from robot_dynamics.checking.golden_bags import GoldenComparison, GoldenWriter
@@ -189,24 +125,26 @@ def _check_one(arguments: Namespace, path: str, files: _OutputFiles) -> int:
                 callbacks.append(writer.add)
             result, fault = check_recording(recording, options, progress=progress, callbacks=callbacks)
     except RobotDynamicsError as error:
-        files.write_json([Outcome(path, error=str(error)).as_dict()], [])
+        files.write_results([Outcome(path, error=str(error)).as_dict()], [])
         raise
     differences = list(golden.failures) if golden else []
     outcome = Outcome(path, replace(result, recording=path), fault)
-    passed = outcome.passed and not differences
+    entry = {**outcome.as_dict(), "passed": outcome.passed and not differences, "golden": differences}
+    changes, notes = _compare_with_baseline(arguments, [entry])
     sentences = differences or ([golden.agreement] if golden else [])
     if arguments.faults:
         sentences = [*sentences, f"fault: {fault.sentence}" if fault else "no fault found"]
+    sentences += [*notes, *format_changes(changes)]
     try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the result is printed
-        files.write_json([{**outcome.as_dict(), "passed": passed, "golden": differences}], summarize_joints([outcome]))
+        files.write_results([entry], summarize_joints([outcome]))
         files.write_figures(path, result)
     finally:
         with allow_closed_stdout():
-            print(format_check(result, passed, sentences))
-    return 0 if passed else EXIT_CHECK_FAILED
+            print(format_check(result, bool(entry["passed"]), sentences))
+    return 0 if entry["passed"] else EXIT_CHECK_FAILED
 
 
-def _check_many(arguments: Namespace, paths: Sequence[str], files: _OutputFiles, executor: Executor | None) -> int:
+def _check_many(arguments: Namespace, paths: Sequence[str], files: CheckFiles, executor: Executor | None) -> int:
     if arguments.golden or arguments.write_golden:
         raise RecordingError("--golden and --write-golden cannot be combined with --jobs or --scheduler")
     dynamics, _ = open_recordings(arguments, [])
@@ -222,14 +160,34 @@ def _check_many(arguments: Namespace, paths: Sequence[str], files: _OutputFiles,
             files.write_figures(outcome.recording, outcome.check)
         outcomes.append(outcome)
     joints = summarize_joints(outcomes) if any(outcome.check for outcome in outcomes) else []
+    entries = [{**outcome.as_dict(), "golden": []} for outcome in outcomes]
+    changes, notes = _compare_with_baseline(arguments, entries)
     try:  # as for one recording
-        files.write_json([{**outcome.as_dict(), "golden": []} for outcome in outcomes], joints)
+        files.write_results(entries, joints)
     finally:
         with allow_closed_stdout():
             print_outcomes(outcomes, joints)
-    if any(outcome.check is not None and not outcome.passed for outcome in outcomes):
+            print("\n".join([*notes, *format_changes(changes)]), end="\n" if notes or changes else "")
+    if any(entry["passed"] is False for entry in entries):
         return EXIT_CHECK_FAILED
-    return 0 if all(outcome.passed for outcome in outcomes) else 1
+    return 0 if all(entry["passed"] for entry in entries) else 1
+
+
+def _compare_with_baseline(
+    arguments: Namespace, entries: Sequence[dict[str, object]]
+) -> tuple[list[JointChange], list[str]]:
+    """Compare results with --baseline; changes are added to the entries, which fail where a joint is worse."""
+    if not arguments.baseline:
+        return [], []
+    from robot_dynamics.checking.baseline import Baseline
+
+    changes, notes = Baseline(arguments.baseline).compare(entries)
+    for entry in entries:
+        own = [change for change in changes if change.recording == entry["recording"]]
+        if entry["passed"] is not None:
+            entry["baseline"] = [change.as_dict() for change in own]
+            entry["passed"] = entry["passed"] and not any(change.reasons for change in own)
+    return changes, notes
 
 
 def _check_options(arguments: Namespace, dynamics: Dynamics, drives: Drives) -> CheckOptions:
@@ -238,87 +196,12 @@ def _check_options(arguments: Namespace, dynamics: Dynamics, drives: Drives) -> 
 
     tolerances = load_tolerances(arguments.tolerances, dynamics.joint_names)
     return CheckOptions(
-        dynamics, drives, tuple(arguments.topic), tolerances, arguments.cutoff, arguments.rate, arguments.faults
+        dynamics,
+        drives,
+        tuple(arguments.topic),
+        tolerances,
+        arguments.cutoff,
+        arguments.rate,
+        arguments.faults,
+        parse_sample_range(arguments),
     )
-
-
-def _output_names(paths: Sequence[str]) -> dict[str, str]:
-    """Return a name for the output files of each path: the path relative to the common folder."""
-    absolute = [os.path.abspath(path) for path in paths]
-    folder = os.path.commonpath([os.path.dirname(path) for path in absolute])
-    return {
-        path: os.path.relpath(full, folder).replace(os.sep, "-") for path, full in zip(paths, absolute, strict=True)
-    }
-
-
-def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) -> None:
-    """Print the outcomes of several recordings, and the summary of each joint."""
-    print_table(
-        ["recording", "verdict", "samples", "since [s]", "what is wrong"], [_outcome_row(each) for each in outcomes]
-    )
-    if joints:
-        rows: list[list[Cell]] = [
-            [joint.joint, round_to_digits(joint.rms, 3), round_to_digits(joint.bias, 3), len(joint.failed), joint.worst]
-            for joint in joints
-        ]
-        print_table(
-            ["joint", "RMS", "bias", "failed", "largest in"],
-            rows,
-            "Measured minus predicted effort of all recordings [N m or N]",
-        )
-    for outcome in outcomes:
-        if outcome.check is not None:
-            for note in outcome.check.notes:
-                print(f"note: {outcome.recording}: {note}")
-    passed = sum(1 for outcome in outcomes if outcome.passed)
-    unchecked = sum(1 for outcome in outcomes if outcome.check is None)
-    print(f"\n{passed} passed, {len(outcomes) - passed - unchecked} FAILED, {unchecked} not checked")
-
-
-def _outcome_row(outcome: Outcome) -> list[Cell]:
-    """Return the cells of a recording in the table of outcomes."""
-    if outcome.check is None:
-        return [outcome.recording, "not checked", None, None, outcome.error]
-    failed = ", ".join(verdict.joint.joint for verdict in outcome.check.verdicts if not verdict.passed)
-    fault = outcome.fault.sentence if outcome.fault else ""
-    return [
-        outcome.recording,
-        "passed" if outcome.passed else "FAILED",
-        outcome.check.comparison.samples,
-        outcome.check.first_failure_time,
-        "; ".join(filter(None, (failed, fault))),
-    ]
-
-
-def format_check(result: CheckResult, passed: bool | None = None, sentences: Sequence[str] = ()) -> str:
-    """Format the result of a check as text.
-
-    passed: verdict that includes the sentences; None: that of the result; sentences: further results, such as a fault.
-    """
-    passed = result.passed if passed is None else passed
-    lines = [
-        f"{result.recording} against {result.robot!r}: {result.comparison.samples} samples at {result.rate:.5g} Hz, "
-        f"{result.duration:.5g} s, filtered at {result.cutoff:.3g} Hz"
-    ]
-    lines += [f"note: {note}" for note in result.notes]
-    rows: list[list[Cell]] = []
-    for verdict in result.verdicts:
-        joint = verdict.joint
-        numbers = (
-            joint.rms,
-            verdict.tolerance,
-            joint.normalised,
-            joint.largest,
-            joint.at,
-            joint.bias,
-            joint.correlation,
-            joint.scale,
-            joint.rms_unfiltered,
-        )
-        cells = [round_to_digits(number, 3) for number in numbers]
-        rows.append([joint.joint, "passed" if verdict.passed else "FAILED", *cells])
-    lines.append(format_table(TABLE_HEADER, rows, "Measured minus predicted effort [N m or N]"))
-    lines += [f"{verdict.joint.joint}: {failure}" for verdict in result.verdicts for failure in verdict.failures]
-    onset = result.first_failure_time
-    since = "" if onset is None else f", out of tolerance since {onset:.4g} s"
-    return "\n".join([*lines, *sentences, "", f"{'passed' if passed else 'FAILED'}{since}"])

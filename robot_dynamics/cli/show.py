@@ -101,6 +101,11 @@ def print_joints(robot: Robot) -> None:
                 joint.rotor_inertia or None,
                 joint.viscous_friction or None,
                 joint.coulomb_friction or None,
+                joint.viscous_asymmetry or None,
+                joint.coulomb_asymmetry or None,
+                joint.stribeck_friction or None,
+                joint.stribeck_velocity or None,
+                joint.load_friction or None,
                 spring.stiffness if spring else None,
                 spring.rest if spring else None,
                 spring.damping if spring else None,
@@ -112,7 +117,8 @@ def print_joints(robot: Robot) -> None:
                 joint.initial_position or None,
             ]
         )
-    header = ["joint", "role", "rotor inertia", "viscous", "Coulomb", "stiffness", "rest", "damping", "follows"]
+    header = ["joint", "role", "rotor inertia", "viscous", "Coulomb", "viscous asymmetry", "Coulomb asymmetry"]
+    header += ["Stribeck", "Stribeck velocity", "load friction", "stiffness", "rest", "damping", "follows"]
     print_table([*header, "lower", "upper", "velocity", "effort", "initial position"], rows, "Joints")
 
 

@@ -120,8 +120,8 @@ def _move_platform_only(robot: Robot, joints: tuple[int, int, int]) -> bool:
 
 def _has_drive(joint: Joint) -> bool:
     """Whether a joint has a rotor, friction, a spring, or mimics another one."""
-    drive = [joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction]
-    return bool(np.any(drive)) or joint.spring is not None or joint.mimic is not None
+    has_drive = bool(joint.rotor_inertia) or joint.has_friction
+    return has_drive or joint.spring is not None or joint.mimic is not None
 
 
 def virtual_links(robot: Robot) -> frozenset[int]:

@@ -20,6 +20,8 @@ measured velocity the right side is zero. But a measured velocity is never exact
 friction at rest then changes with its noise. With the velocity of the reference the right side does not chatter, and
 dissipates energy: ėᵀ (f(q̇) - f(q̇_d)) <= 0.
 
+Friction that depends on the load of a joint has the effort ID of that joint as its load.
+
 Friction of unactuated joints that are part of the state (passive or elastic ones) belongs to ID, at the measured
 velocity, because it determines their motion. Where motors and loops determine the motion of all joints, it is part of
 f.
@@ -44,6 +46,7 @@ from robot_dynamics.control.modes import MEASURED, REFERENCE
 from robot_dynamics.control.program_positions import ProgramPositions
 from robot_dynamics.control.series_elastic_actuators import find_series_elastic_actuators
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
+from robot_dynamics.newton_euler.friction import load_friction
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
@@ -106,6 +109,9 @@ class ControlLaw:
         self.rate_error = np.zeros(len(self.joints))
         self.elastic_actuators = find_series_elastic_actuators(dynamics, self.joints)
         base_state = [self.twist, self.gravity] if robot.moving_base else []
+        joints_with_effort = [robot.joints[robot.joint_numbers[name]] for name in self.joints]
+        has_load_friction = any(joint.load_friction for joint in joints_with_effort)
+        self._load_friction_joints = joints_with_effort if has_load_friction else None
         self._models = LawModels(dynamics, self.elastic_actuators, base_state)
         self._positions = ProgramPositions(dynamics)
         self._link_side: LinkSide | None = None
@@ -349,7 +355,9 @@ class ControlLaw:
         np.take(efforts, self.joint_indices, out=out, mode="clip")
 
     def _add_friction(self, positions: Array, velocities: Array, out: Array) -> None:
-        """Add friction at velocities (n,) to the efforts."""
+        """Add friction at velocities (n,) to the efforts without friction."""
+        if self._load_friction_joints is not None:
+            out += load_friction(self._load_friction_joints, velocities[self.joint_indices], out)
         friction = self._models.friction(positions, velocities)
         if friction is not None:
             out += friction[self.joint_indices]

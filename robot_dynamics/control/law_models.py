@@ -21,7 +21,8 @@ class LawModels:
     """The inverse model, with springs of series elastic actuators as motors, and the model of friction.
 
     Friction of unactuated joints that are part of the state belongs to the inverse model, all other friction to the
-    model of friction.
+    model of friction. Friction that depends on the load belongs to neither: the loads are the efforts of the inverse
+    model.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class LawModels:
         self._base_state = base_state
         self._inverse = Dynamics(inverse_robot).compile("inverse")
         self._efforts, *self._other_outputs = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
-        has_friction = any(joint.viscous_friction or joint.coulomb_friction for joint in friction_robot.joints)
+        has_friction = any(joint.has_friction for joint in friction_robot.joints)
         self._friction = Dynamics(friction_robot).compile("friction") if has_friction else None
         self._friction_efforts = np.zeros(len(dynamics.joint_names))
 
@@ -46,7 +47,10 @@ class LawModels:
         return self._efforts
 
     def friction(self, q: Array, qd: Array) -> Array | None:
-        """Friction (n,) at velocities (n,), a buffer; None without friction. q: program positions."""
+        """Friction (n,) at velocities (n,) without that of loads, a buffer; None if there is none.
+
+        q: program positions.
+        """
         if self._friction is None:
             return None
         self._friction.evaluate(q, qd, self._friction_efforts)
@@ -62,13 +66,11 @@ def _separate_friction(dynamics: Dynamics, actuators: SeriesElasticActuators) ->
     in_inverse_model = unactuated - springs
     others = {joint.name for joint in robot.joints} - in_inverse_model
     inverse_robot = with_rigid_actuators(_without_friction(robot, others), dynamics, actuators)
-    return inverse_robot, _without_friction(robot, in_inverse_model | springs)
+    joints = tuple(replace(joint, load_friction=0.0) for joint in robot.joints)
+    return inverse_robot, _without_friction(replace(robot, joints=joints), in_inverse_model | springs)
 
 
 def _without_friction(robot: Robot, names: Collection[str]) -> Robot:
     """The robot with no friction at the named joints."""
-    joints = [
-        replace(joint, viscous_friction=0.0, coulomb_friction=0.0) if joint.name in names else joint
-        for joint in robot.joints
-    ]
+    joints = [joint.without_friction() if joint.name in names else joint for joint in robot.joints]
     return replace(robot, joints=tuple(joints))

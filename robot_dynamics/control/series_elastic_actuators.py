@@ -79,11 +79,14 @@ def find_series_elastic_actuators(dynamics: Dynamics, joints: Sequence[str]) -> 
     motors = [robot.joints[number].antecedent - 1 for number in numbers]
     spring_joints = [robot.joints[number] for number in numbers]
     for joint, motor in zip(spring_joints, motors, strict=True):
-        if joint.coulomb_friction:
+        if joint.coulomb_friction or joint.stribeck_friction or joint.viscous_asymmetry:
+            kind, effect = "asymmetric viscous", "change its acceleration at once"
+            if joint.coulomb_friction or joint.stribeck_friction:
+                kind, effect = "Coulomb", "jump"
             raise InvalidInputError(
-                f"joint {joint.name!r} has Coulomb friction beside its spring: the motor {robot.joints[motor].name!r} "
-                "would have to jump where the spring reverses. Give that friction to the motor, or leave the motor out "
-                "of the joints that get efforts"
+                f"joint {joint.name!r} has {kind} friction beside its spring: the motor {robot.joints[motor].name!r} "
+                f"would have to {effect} where the spring reverses. Give that friction to the motor, or leave the "
+                "motor out of the joints that get efforts"
             )
         if motors.count(motor) > 1:
             raise InvalidInputError(

@@ -14,7 +14,7 @@ from robot_dynamics.flexible.block_recursion import solve, sweep_forward
 from robot_dynamics.flexible.structure import nearest_node
 from robot_dynamics.flexible.structure_builder import build_structure
 from robot_dynamics.inputs import UNACTUATED_REASON, base_state, common_batch_shape
-from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 
@@ -271,7 +271,8 @@ class FlexibleArm:
         with np.errstate(all="ignore"):  # values that are not finite are refused at the end
             passive_efforts = friction(self._robot, qd) + spring_force(self._robot, q, qd)
             forces[..., self._elastic] = -e @ self.stiffness
-            forces[..., self._joints] = -passive_efforts if efforts is None else efforts - passive_efforts
+            net_efforts = -passive_efforts if efforts is None else efforts - passive_efforts
+            forces[..., self._joints] = loads_from_net_efforts(self._robot.joints, qd, net_efforts)
             if qdd is not None:
                 accelerations[..., self._joints] = qdd
             unknown = np.ones(x.shape[-1], dtype=bool)
@@ -280,7 +281,10 @@ class FlexibleArm:
             base_acceleration = base_state(self._robot, None).rest_acceleration
             accelerations, forces = solve(self.structure, sweep, accelerations, forces, unknown, base_acceleration)
             if efforts is None:  # of joints that are not prescribed the remainder is a rounding error
-                efforts = np.where(prescribed, forces[..., self._joints] + passive_efforts, 0.0)
+                loads = forces[..., self._joints]
+                if has_load_friction(self._robot):
+                    passive_efforts = passive_efforts + load_friction(self._robot.joints, qd, loads)
+                efforts = np.where(prescribed, loads + passive_efforts, 0.0)
         return FlexibleDynamicsResult(
             broadcast_result(accelerations[..., self._joints], batch),
             broadcast_result(accelerations[..., self._elastic], batch),

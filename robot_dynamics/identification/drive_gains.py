@@ -158,9 +158,15 @@ class DriveGains:
     model: UnloadedIdentificationModel
 
     def include_gain_uncertainty(self, fit: Fit) -> Fit:
-        """Return a fit to recordings with these gains, with standard deviations that include their uncertainty."""
-        standard_deviations = np.sqrt(np.diagonal(self.covariance))
-        return replace(fit, covariance=self.covariance, standard_deviations=standard_deviations)
+        """Return a fit to recordings with these gains, with standard deviations that include their uncertainty.
+
+        The deviations of the fit come from the scatter between blocks, those of the gains from white noise. The larger
+        of both is kept.
+        """
+        standard_deviations = np.sqrt(np.maximum(np.diagonal(self.covariance), np.diagonal(fit.covariance)))
+        ratios = standard_deviations / np.maximum(np.sqrt(np.diagonal(self.covariance)), 1e-300)
+        covariance = self.covariance * ratios * ratios[:, None]
+        return replace(fit, covariance=covariance, standard_deviations=standard_deviations)
 
 
 def identify_gains(samples: Samples[PayloadIdentificationModel]) -> DriveGains:

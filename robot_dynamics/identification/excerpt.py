@@ -3,6 +3,9 @@
 Efforts and regressor pass the same low-pass filter (parallel filtering), so that the filter has the same effect on both
 sides of the equations. The rows are then decimated. The remaining noise lies within the band of the filter, so that
 neighbouring samples are correlated; variances count the independent samples that the band allows.
+
+A joint at rest holds any effort within its static friction. Its samples at rest, and those that the filter mixes with
+rest, do not count in its equations, nor in the residuals. They count in the equations of the joints that move.
 """
 
 from __future__ import annotations
@@ -12,8 +15,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d
 
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.identification.motion_blocks import BLOCK_DURATION, MotionBlocks
 from robot_dynamics.identification.sample_sums import FactorSums, QualitySums
 from robot_dynamics.identification.triangular_factors import TriangularFactors
 from robot_dynamics.recordings.position_limits import note_limit_violations
@@ -21,7 +26,7 @@ from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.signals import filter_margin, lowpass
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, BoolArray
     from robot_dynamics.identification.identification_model import EffortModel
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import Recording
@@ -30,6 +35,7 @@ MAX_BAND = 10.0  # [Hz] default band of the parallel filter if the cut-off of th
 SAMPLES_PER_PERIOD = 4  # after decimation, of the highest frequency in the band
 NOISE_BANDWIDTH = 0.875 * (np.pi / 8) / np.sin(np.pi / 8)  # ∫ (1 + x⁸)⁻² dx: forward-backward filter of cut-off 1
 HUBER_THRESHOLD = 1.345  # [standard deviations] beyond which the robust method weights residuals linearly
+REST_REACH_PERIODS = 0.5  # of the band, within which the parallel filter spreads a rest (main lobe of its response)
 MIN_PIECE_SAMPLES = 100  # shorter pieces of motion are left out
 MAX_PIECE_SAMPLES = 20_000  # samples whose regressor is in memory at once
 
@@ -52,10 +58,14 @@ class ExcerptSettings:
 class RegressionRows:
     """Filtered, decimated columns X (N, n, P) and efforts y (N, n) at times (N,) [s].
 
+    q, qd: (N, n) positions and velocities; moving: (N, n) whether a joint moves, also within the reach of the filter;
     effective_samples: number of independent samples per row, at most 1.
     """
 
     times: Array
+    q: Array
+    qd: Array
+    moving: BoolArray
     X: Array
     y: Array
     effective_samples: float
@@ -97,29 +107,41 @@ class Excerpt:
 
     def accumulate_factors(self, values: Array | None = None, standard_deviations: Array | None = None) -> FactorSums:
         """Sum the triangular factors; with values (P,) and standard deviations (n,): with Huber weights."""
-        total = FactorSums(None)
+        total = FactorSums(None, np.zeros(len(self.model.dynamics.joint_names)))
         for rows in self:
-            weights = None
+            weights = rows.moving.astype(float)
             if values is not None and standard_deviations is not None:
                 deviation = np.abs(rows.y - rows.X @ values) / (HUBER_THRESHOLD * standard_deviations)
-                weights = 1 / np.maximum(1, deviation)
-            count = len(rows.y)
-            factors = TriangularFactors.from_samples(rows.X, rows.y, weights)
-            total = total + FactorSums(factors, rows.effective_samples * count, count)
+                weights = weights / np.maximum(1, deviation)
+            number = np.floor(rows.times / BLOCK_DURATION).astype(int)
+            for block in np.split(np.arange(len(number)), np.flatnonzero(np.diff(number)) + 1):
+                factors = TriangularFactors.from_samples(rows.X[block], rows.y[block], weights[block])
+                if not factors.samples.any():
+                    continue
+                blocks = MotionBlocks.of_samples(self.recording.name, rows.q[block], rows.qd[block], factors)
+                total = total + FactorSums(blocks, rows.effective_samples * factors.samples.astype(float))
         return total
 
     def quality_sums(self, values: Array) -> QualitySums:
-        """Sum the residuals of values (P,)."""
+        """Sum the residuals of K sets of values (K, P)."""
         n = len(self.model.dynamics.joint_names)
-        total = QualitySums(np.zeros((3, n)), 0, np.zeros(n), 0)
+        K = len(values)
+        total = QualitySums(np.zeros((K, n)), np.zeros((2, n)), np.zeros(n, int), np.zeros((K, n)), np.zeros(n, int), 0)
         for rows in self:
-            r = rows.X @ values - rows.y
-            sums = np.stack([(r * r).sum(0), (rows.y**2).sum(0), rows.y.sum(0)])
-            total = total + QualitySums(sums, len(rows.y), np.zeros(n), 0)
+            residuals = _sum_of_squares(rows.X, rows.y, rows.moving, values)
+            y = rows.y * rows.moving
+            sums = QualitySums(
+                residuals, np.stack([(y * y).sum(0), y.sum(0)]), rows.moving.sum(0), 0 * residuals, np.zeros(n, int), 0
+            )
+            total = total + sums
         for piece, core in self._pieces():
             motion = piece.slice_samples(core.start, core.stop)
-            r = self.model.motion_regressor(motion) @ values - self.model.efforts(motion)
-            total = total + QualitySums(np.zeros((3, n)), 0, (r * r).sum(0), len(motion))
+            unfiltered = _sum_of_squares(
+                self.model.motion_regressor(motion), self.model.efforts(motion), motion.moving, values
+            )
+            total = total + QualitySums(
+                np.zeros((K, n)), np.zeros((2, n)), np.zeros(n, int), unfiltered, motion.moving.sum(0), len(motion)
+            )
         return total
 
     def _pieces(self) -> Iterator[tuple[Motion, slice]]:
@@ -192,5 +214,20 @@ class Excerpt:
         X = self.model.motion_regressor(motion)
         columns = lowpass(X.reshape(len(X), -1), motion.rate, band)[decimated]
         y = lowpass(self.model.efforts(motion), motion.rate, band)[decimated]
+        reach = int(np.ceil(REST_REACH_PERIODS * motion.rate / band))
+        moving = minimum_filter1d(motion.moving.astype(np.int8), 2 * reach + 1, axis=0)[decimated] > 0
         effective_samples = min(1.0, 2 * NOISE_BANDWIDTH * band * stride / motion.rate)
-        return RegressionRows(motion.times[decimated], columns.reshape(len(y), *X.shape[1:]), y, effective_samples)
+        return RegressionRows(
+            motion.times[decimated],
+            motion.q[decimated],
+            motion.qd[decimated],
+            moving,
+            columns.reshape(len(y), *X.shape[1:]),
+            y,
+            effective_samples,
+        )
+
+
+def _sum_of_squares(X: Array, y: Array, moving: BoolArray, values: Array) -> Array:
+    """Sums (K, n) of squared residuals y (N, n) - X (N, n, P) values (K, P) of joints that move."""
+    return np.stack([np.square((X @ parameters - y) * moving).sum(0) for parameters in values])

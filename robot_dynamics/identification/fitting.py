@@ -1,33 +1,48 @@
-"""Least-squares fits of base parameters, friction and offsets to recordings, with the covariance of their errors."""
+"""Least-squares fits of base parameters, friction and offsets to recordings, with the covariance of their errors.
+
+In coordinates in which the errors of the description have variance 1 (`description_prior`), singular values of the
+weighted columns tell how much the data show of each direction. A direction is seen if the data determine it better than
+the description does. The other directions keep the values of the description. The standard deviations come from the
+scatter between blocks of samples (`block_scatter`), and are at least those of white noise.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.identification.block_scatter import held_out_squares
+from robot_dynamics.identification.description_prior import build_description_prior
+from robot_dynamics.identification.fit_warnings import block_warnings, excitation_warnings, sign_warnings
+from robot_dynamics.identification.identification_model import FRICTION_PREFIXES
 from robot_dynamics.identification.sample_sums import NO_SAMPLES
+from robot_dynamics.identification.seen_directions import (
+    drop_uncertain_directions,
+    error_covariance,
+    solve_seen_directions,
+)
 from robot_dynamics.identification.triangular_factors import (
     solve_least_squares,
 )
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
+    from robot_dynamics.identification.description_prior import DescriptionPrior
     from robot_dynamics.identification.identification_model import IdentificationModel, JointEffortModel
+    from robot_dynamics.identification.motion_blocks import MotionBlocks
     from robot_dynamics.identification.sample_sums import FactorSums, FitQuality
     from robot_dynamics.identification.samples import Samples
-    from robot_dynamics.identification.triangular_factors import (
-        LeastSquaresSolution,
-        TriangularFactors,
-    )
+    from robot_dynamics.identification.seen_directions import SeenSolution
+    from robot_dynamics.identification.triangular_factors import TriangularFactors
 
 FitMethod: TypeAlias = Literal["weighted", "ordinary", "robust"]
 
 REWEIGHTING_ITERATIONS = 6
-MAX_GOOD_CONDITION_NUMBER = 200.0
+MAX_DEVIATION_OF_SEEN = 0.5  # standard deviation of parameters that count as seen, over that of the description
+FRICTION_REPRODUCIBILITY = 0.02  # relative standard deviation of friction between runs, by temperature and age
 MAX_RESIDUAL_GROWTH = 1.01  # of the squared residuals, without the parameters that are not essential
 MAX_RELATIVE_DEVIATION = 0.1  # standard deviation of an essential parameter, relative to its value
 
@@ -46,12 +61,26 @@ class Fit:
         Standard deviations of the errors of the values.
     covariance : (P, P) array
         Covariance of the errors of the values.
+    prior : DescriptionPrior
+        Values of the description, and their errors.
+    seen : (P,) array of bool
+        Whether the data determine a parameter clearly better than the description does.
+    directions : (P, k) array
+        Directions in which the parameters were fitted; the others keep the values of the description.
     condition : float
         Condition number of the columns, each scaled to length 1.
+    blocks : MotionBlocks
+        Triangular factors of blocks of samples.
     factors : TriangularFactors
         Triangular factors of all samples.
+    white_share : float
+        Number of independent samples per row, for white noise before the filter.
+    noise_inflation : float
+        Variance of the errors between blocks over that of white noise, in the geometric mean.
     weights : (n,) array
         Weights of the squared residuals of each joint.
+    held_out_rms : (n,) array
+        RMS residual in the band of blocks of samples, for fits without the block.
     training_quality : FitQuality
         Residuals on the samples that were fitted.
     validation_quality : FitQuality or None
@@ -59,7 +88,7 @@ class Fit:
     method : {"weighted", "ordinary", "robust"}
         Method of least squares.
     warnings : tuple of str
-        Sentences on parameters that the motion excites too little.
+        Sentences on parameters that the motion excites too little, and on implausible values.
     notes : tuple of str
         Sentences on samples that were left out.
     """
@@ -68,14 +97,29 @@ class Fit:
     values: Array
     standard_deviations: Array
     covariance: Array
+    prior: DescriptionPrior
+    seen: BoolArray
+    directions: Array
     condition: float
+    blocks: MotionBlocks
     factors: TriangularFactors
+    white_share: float
+    noise_inflation: float
     weights: Array
+    held_out_rms: Array
     training_quality: FitQuality
     validation_quality: FitQuality | None
     method: FitMethod
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
+
+    @property
+    def deviations_between_runs(self) -> Array:
+        """(P,) standard deviations of the values, with the change of friction between runs."""
+        is_friction = np.array([name.startswith(FRICTION_PREFIXES) for name in self.model.names])
+        change = FRICTION_REPRODUCIBILITY * self.values * is_friction
+        deviations: Array = np.hypot(self.standard_deviations, change)
+        return deviations
 
 
 def fit_parameters(
@@ -106,34 +150,52 @@ def fit_parameters(
     RecordingError
         If there are too few samples, or the recordings cannot be used.
     """
-    factors, effective_share = require_enough_samples(samples.accumulate_factors())
-    P = factors.triangles.shape[2] - 1
-    weights = np.ones(factors.triangles.shape[0])
-    solution = solve_least_squares(*factors.weighted_system(weights))
+    sums = samples.accumulate_factors()
+    factors, effective_share = require_enough_samples(sums)
+    model = samples.model.identification_model
+    efforts = np.linalg.norm(factors.triangles[:, :, -1], axis=1) / np.sqrt(np.maximum(factors.samples, 1))
+    prior = build_description_prior(model, efforts)
+    weights = 1 / np.maximum(efforts, 1e-6 * efforts.max()) ** 2
+    weights = weights if method != "ordinary" else np.full_like(weights, weights.mean())
+    solution = solve_seen_directions(factors, prior, weights, 0.0)
     for _ in range(REWEIGHTING_ITERATIONS):
-        variance = _residual_variances(factors, solution, P)
-        if method != "ordinary":
-            weights = variance.mean() / variance
+        variance = _variances(factors, solution)
         if method == "robust":
             sums = samples.accumulate_factors(solution.values, np.sqrt(variance))
             factors, effective_share = require_enough_samples(sums)
-        solution = solve_least_squares(*factors.weighted_system(weights))
-    variance = _residual_variances(factors, solution, P)
-    variance_per_row = np.mean(variance * weights) if method != "ordinary" else variance.mean()
-    covariance = solution.covariance * variance_per_row / effective_share
-    model = samples.model.identification_model
+        weights = 1 / variance if method != "ordinary" else np.full_like(variance, 1 / variance.mean())
+        solution = solve_seen_directions(factors, prior, weights, effective_share)
+    assert sums.blocks is not None  # `require_enough_samples` refuses samples without blocks
+    solution, scatter = drop_uncertain_directions(sums.blocks, factors, prior, solution, effective_share)
+    covariance, inflation = error_covariance(prior, solution, scatter, effective_share)
+    standard_deviations = np.sqrt(np.diagonal(covariance))
+    excitation = solve_least_squares(*factors.weighted_system(solution.weights))
+    seen = excitation.excited & (standard_deviations < MAX_DEVIATION_OF_SEEN * prior.deviations)
+    variance = _variances(factors, solution)
+    held_out = held_out_squares(sums.blocks, solution.weights, solution.directions, solution.values)
     return Fit(
         model=model,
         values=solution.values,
-        standard_deviations=np.sqrt(np.diagonal(covariance)),
+        standard_deviations=standard_deviations,
         covariance=covariance,
-        condition=solution.condition,
+        prior=prior,
+        seen=seen,
+        directions=solution.directions,
+        condition=excitation.condition,
+        blocks=sums.blocks,
         factors=factors,
+        white_share=effective_share,
+        noise_inflation=inflation,
         weights=1 / variance,
+        held_out_rms=np.sqrt(held_out / np.maximum(factors.samples, 1)),
         training_quality=samples.quality(solution.values),
         validation_quality=None if validation is None else validation.quality(solution.values),
         method=method,
-        warnings=tuple(_excitation_warnings(model, solution)),
+        warnings=(
+            *excitation_warnings(model, excitation.excited),
+            *block_warnings(sums.blocks),
+            *sign_warnings(model, solution.values, standard_deviations, seen),
+        ),
         notes=tuple(samples.notes),
     )
 
@@ -145,21 +207,24 @@ def require_enough_samples(sums: FactorSums) -> tuple[TriangularFactors, float]:
         raise RecordingError(NO_SAMPLES)
     n = factors.triangles.shape[0]
     P = factors.triangles.shape[2] - 1
-    if n * sums.effective_samples < 2 * P:
+    rows = factors.samples.sum()
+    independent = sums.effective_samples.sum()
+    if independent < 2 * P:
         raise RecordingError(
-            f"too few samples for {P} parameters: {sums.rows} filtered samples of {n} joints count as "
-            f"{n * sums.effective_samples:.0f} independent samples, at least {2 * P} are needed"
+            f"too few samples for {P} parameters: {rows / n:.0f} filtered samples of {n} joints that move count as "
+            f"{independent:.0f} independent samples, at least {2 * P} are needed"
         )
-    return factors, sums.effective_samples / sums.rows
+    return factors, float(independent / rows)
 
 
-def residual_variances(squares: Array, efforts: Array, samples: int, P: int) -> Array:
+def residual_variances(squares: Array, efforts: Array, samples: IntArray, P: int) -> Array:
     """Estimate the variances (n,) of residuals from their sums of squares (n,), corrected for P fitted parameters.
 
-    efforts: (n, rows) effort column of the triangular factors, which sets the level of rounding.
+    efforts: (n, rows) effort column of the triangular factors, which sets the level of rounding; samples: (n,).
     """
-    rounding = 1e-12 * np.square(efforts).sum(axis=1)
-    variances: Array = np.maximum(squares, rounding) / max(1.0, samples - P / len(squares))
+    levels = np.square(efforts).sum(axis=1)
+    rounding = 1e-12 * np.where(levels > 0, levels, levels.max(initial=1.0))
+    variances: Array = np.maximum(squares, rounding) / np.maximum(1.0, samples - P / len(squares))
     return variances
 
 
@@ -170,10 +235,14 @@ def select_essential_parameters(fit: Fit) -> BoolArray:
     grown by 1 % or all remaining parameters are known to 10 %.
     """
     A, b = fit.factors.weighted_system(fit.weights)
-    selected = fit.standard_deviations > 0
+    selected = fit.seen & (fit.standard_deviations > 0)
+    if not selected.any():
+        return selected
+    kept = np.where(selected, 0.0, fit.values)  # of parameters that are not seen
+    b = b - A @ kept
     solution = solve_least_squares(A, b, selected)
     scale = fit.standard_deviations / np.maximum(np.sqrt(np.diagonal(solution.covariance)), 1e-300)
-    max_residual = MAX_RESIDUAL_GROWTH * _weighted_residual(fit, solution)
+    max_residual = MAX_RESIDUAL_GROWTH * _weighted_residual(fit, solution.values + kept)
     while selected.sum() > 1:
         deviations = np.sqrt(np.diagonal(solution.covariance)) * scale
         relative = np.where(selected, deviations / np.maximum(np.abs(solution.values), 1e-300), -1)
@@ -183,29 +252,20 @@ def select_essential_parameters(fit: Fit) -> BoolArray:
         fewer = selected.copy()
         fewer[worst] = False
         candidate = solve_least_squares(A, b, fewer)
-        if _weighted_residual(fit, candidate) > max_residual:
+        if _weighted_residual(fit, candidate.values + kept) > max_residual:
             break
         selected = fewer
         solution = candidate
     return selected
 
 
-def _residual_variances(factors: TriangularFactors, solution: LeastSquaresSolution, P: int) -> Array:
+def _variances(factors: TriangularFactors, solution: SeenSolution) -> Array:
+    """Variances (n,) of the residuals of a solution."""
     squares = factors.residual_sum_of_squares(solution.values)
+    P = solution.directions.shape[1]
     return residual_variances(squares, factors.triangles[:, :, -1], factors.samples, P)
 
 
-def _weighted_residual(fit: Fit, solution: LeastSquaresSolution) -> float:
+def _weighted_residual(fit: Fit, values: Array) -> float:
     """Sum of the weighted squares of the residuals of all joints."""
-    return float((fit.weights * fit.factors.residual_sum_of_squares(solution.values)).sum())
-
-
-def _excitation_warnings(model: IdentificationModel, solution: LeastSquaresSolution) -> Iterator[str]:
-    if not solution.excited.all():
-        names = [name for name, excited in zip(model.names, solution.excited, strict=True) if not excited]
-        yield f"the motion does not excite {', '.join(names)}"
-    if solution.condition > MAX_GOOD_CONDITION_NUMBER:
-        yield (
-            f"condition number {solution.condition:.0f}: the motion hardly distinguishes the parameters; use an "
-            f"excitation trajectory with a condition number below {MAX_GOOD_CONDITION_NUMBER:.0f}, better below 100"
-        )
+    return float((fit.weights * fit.factors.residual_sum_of_squares(values)).sum())

@@ -9,6 +9,7 @@ import numpy as np
 
 from robot_dynamics.identification.base_parameters import compute_base_parameters
 from robot_dynamics.inputs import Base
+from robot_dynamics.newton_euler.friction import FRICTION_PARAMETERS
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import Recording
 
-FRICTION_PREFIXES = ("Fv.", "Fs.")
+FRICTION_PREFIXES = tuple(f"{parameter}." for parameter in FRICTION_PARAMETERS)
 
 
 class EffortModel(Protocol):

@@ -9,7 +9,7 @@ the description. The problem is convex.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import TYPE_CHECKING
@@ -18,7 +18,9 @@ import numpy as np
 from scipy import sparse
 
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.identification.description_prior import CHARACTERISTIC_LENGTH, parameter_scales
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
+from robot_dynamics.newton_euler.friction import FRICTION_PARAMETERS
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
@@ -27,11 +29,11 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.fitting import Fit
     from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.identification.sample_sums import FitQuality
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.drives import Drives
 
-MIN_MASS = 0.05  # [kg] scale of links without mass in the description
-CHARACTERISTIC_LENGTH = 0.2  # [m] scale of the dimensions of links
+MAX_LOAD_FRICTION = 0.99  # from 1 on, friction would hold any load
 PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
 OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
 MIN_EIGENVALUE = 1e-7  # smallest eigenvalue of a pseudo-inertia, in units of the scale of its link
@@ -63,11 +65,28 @@ class ConsistentRobot:
         Drives with the identified offsets and losses of coupled motors.
     values : (P,) array
         Values of the parameters of the fit that the robot and the drives correspond to.
+    distance : float
+        RMS of the differences of the parameters of links from the description, in units of the scales of the links.
     """
 
     robot: Robot
     drives: Drives
     values: Array
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenRobot:
+    """A consistent robot with its residuals on the fitted data, and on data for validation if there are any."""
+
+    consistent: ConsistentRobot
+    training_quality: FitQuality
+    validation_quality: FitQuality | None
+
+    @property
+    def distance(self) -> float:
+        """Distance from the description, as that of the ConsistentRobot."""
+        return self.consistent.distance
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,25 +140,15 @@ def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
     grouping[b:, p:] = np.eye(drive_count)
     prior = np.concatenate([model.dynamics.parameters, np.zeros(drive_count)])
     prior_weights = np.concatenate([np.full(p, PRIOR_WEIGHT), np.full(drive_count, OFFSET_PRIOR_WEIGHT)])
-    scale = np.concatenate([_parameter_scales(robot), np.ones(drive_count)])
+    scale = np.concatenate([parameter_scales(robot), np.ones(drive_count)])
     H = A @ grouping * scale
     gradient = -(H.T @ y + prior_weights * prior / scale)
     constraints = [*_joint_constraints(model, scale), *_link_constraints(model, scale)]
     x = _minimize(H.T @ H + np.diag(prior_weights), gradient, constraints) * scale
     values = grouping @ x
-    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values)
-
-
-def _parameter_scales(robot: Robot) -> Array:
-    """Return the scale (p,) of each parameter."""
-    scales: list[float] = []
-    for index, link in enumerate(robot.links):
-        mass = max(abs(link.inertia.mass), MIN_MASS)
-        if index > 0 or robot.moving_base:
-            scales += [mass * CHARACTERISTIC_LENGTH**2] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
-        if index > 0:
-            scales += [1.0] * len(JOINT_PARAMETERS)
-    return np.array(scales)
+    is_link = np.array([name.partition(".")[0] in LINK_PARAMETERS for name in names])
+    distance = float(np.sqrt(np.mean(np.square((x - prior) / scale)[:p][is_link])))
+    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values, distance)
 
 
 def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
@@ -158,6 +167,29 @@ def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_Co
     yield _ConeConstraint(
         clarabel.NonnegativeConeT(len(free)), [_unit_row(column, len(scale)) for column in free], [0.0] * len(free)
     )
+    sums = list(_non_negative_friction(names))
+    if sums:
+        rows = [np.sum([sign * _unit_row(column, len(scale)) for column, sign in terms], axis=0) for terms in sums]
+        yield _ConeConstraint(clarabel.NonnegativeConeT(len(rows)), rows, [0.0] * len(rows))
+
+
+def _non_negative_friction(names: Sequence[str]) -> Iterator[list[tuple[int, float]]]:
+    """Sums of further parameters of friction that are not negative: columns and signs of their terms."""
+    columns = {name: column for column, name in enumerate(names)}
+    for name, column in columns.items():
+        key, _, joint = name.partition(".")
+        if key not in FRICTION_PARAMETERS[2:]:
+            continue
+        symmetric = columns[f"{'Fv' if key == 'Fva' else 'Fs'}.{joint}"]
+        stribeck = columns.get(f"Fst.{joint}")
+        if key in ("Fva", "Fsa"):
+            yield from ([(symmetric, 1.0), (column, sign)] for sign in (1.0, -1.0))
+        if key == "Fsa" and stribeck is not None:
+            yield from ([(symmetric, 1.0), (stribeck, 1.0), (column, sign)] for sign in (1.0, -1.0))
+        if key == "Fst":
+            yield [(symmetric, 1.0), (column, 1.0)]
+        if key == "mu":
+            yield [(column, 1.0)]
 
 
 def _link_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
@@ -226,7 +258,20 @@ def _replace_parameters(robot: Robot, names: tuple[str, ...], parameters: Array)
     joints = []
     for joint in robot.joints:
         rotor_inertia, viscous, coulomb = (max(0.0, values[f"{key}.{joint.name}"]) for key in JOINT_PARAMETERS)
-        joints.append(replace(joint, rotor_inertia=rotor_inertia, viscous_friction=viscous, coulomb_friction=coulomb))
+        stribeck = max(-coulomb, values.get(f"Fst.{joint.name}", 0.0))
+        dry = coulomb + min(stribeck, 0.0)
+        joints.append(
+            replace(
+                joint,
+                rotor_inertia=rotor_inertia,
+                viscous_friction=viscous,
+                coulomb_friction=coulomb,
+                viscous_asymmetry=min(max(values.get(f"Fva.{joint.name}", 0.0), -viscous), viscous),
+                coulomb_asymmetry=min(max(values.get(f"Fsa.{joint.name}", 0.0), -dry), dry),
+                stribeck_friction=stribeck,
+                load_friction=min(max(values.get(f"mu.{joint.name}", 0.0), 0.0), MAX_LOAD_FRICTION),
+            )
+        )
     return replace(robot, links=tuple(links), joints=tuple(joints))
 
 

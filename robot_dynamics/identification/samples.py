@@ -10,6 +10,8 @@ from concurrent.futures import Executor
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
+import numpy as np
+
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.excerpt import Excerpt, ExcerptSettings
 from robot_dynamics.identification.identification_model import EffortModel
@@ -72,7 +74,11 @@ class Samples(Generic[ModelT_co]):
 
     def quality(self, values: Array) -> FitQuality:
         """Compute the quality of values (P,) on these samples. Raises RecordingError if there are none."""
-        return self._sum(partial(Excerpt.quality_sums, values=values)).quality
+        return self.qualities([values])[0]
+
+    def qualities(self, values: Sequence[Array]) -> tuple[FitQuality, ...]:
+        """Compute the quality of several sets of values (P,), in one pass. Raises RecordingError if there are none."""
+        return self._sum(partial(Excerpt.quality_sums, values=np.array(values))).qualities
 
     def _sum(self, task: Callable[[Excerpt], SumT]) -> SumT:
         """Sum the results of a task over the excerpts, always in their order, so that rounding is reproducible."""

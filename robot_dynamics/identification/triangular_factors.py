@@ -6,13 +6,14 @@ as many digits. Factors of further samples are stacked below and factored again 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
 
 MIN_COLUMN_NORM = 1e-9  # relative to the longest column: the motion does not excite parameters of shorter columns
 
@@ -21,23 +22,34 @@ MIN_COLUMN_NORM = 1e-9  # relative to the longest column: the motion does not ex
 class TriangularFactors:
     """Triangular factors of the samples of n joints.
 
-    triangles: (n, P + 1, P + 1) factor R of [X y] of each joint; samples: number of rows of each joint.
+    triangles: (n, P + 1, P + 1) factor R of [X y] of each joint; samples: (n,) number of rows of each joint.
     """
 
     triangles: Array
-    samples: int
+    samples: IntArray
 
     @classmethod
     def from_samples(cls, X: Array, y: Array, weights: Array | None = None) -> TriangularFactors:
-        """Factor columns X (N, n, P) and efforts y (N, n); weights: (N, n), of the squared residuals."""
+        """Factor columns X (N, n, P) and efforts y (N, n).
+
+        weights: (N, n), of the squared residuals; rows of weight 0 do not count.
+        """
         stacked = np.concatenate([X, y[..., None]], axis=-1)
+        samples = np.full(y.shape[1], len(y))
         if weights is not None:
             stacked = stacked * np.sqrt(weights)[..., None]
-        return cls(np.stack([_triangle(rows) for rows in np.moveaxis(stacked, 1, 0)]), len(X))
+            samples = np.count_nonzero(weights, axis=0)
+        return cls(np.stack([_triangle(rows) for rows in np.moveaxis(stacked, 1, 0)]), samples)
+
+    @classmethod
+    def sum(cls, parts: Sequence[TriangularFactors]) -> TriangularFactors:
+        """Factor the rows of several factors together."""
+        stacked = np.concatenate([part.triangles for part in parts], axis=1)
+        samples = np.sum([part.samples for part in parts], axis=0)
+        return cls(np.stack([_triangle(rows) for rows in stacked]), samples)
 
     def __add__(self, other: TriangularFactors) -> TriangularFactors:
-        stacked = np.concatenate([self.triangles, other.triangles], axis=1)
-        return TriangularFactors(np.stack([_triangle(rows) for rows in stacked]), self.samples + other.samples)
+        return TriangularFactors.sum([self, other])
 
     def residual_sum_of_squares(self, values: Array) -> Array:
         """Compute the sums of squares (n,) of the residuals y - X values."""

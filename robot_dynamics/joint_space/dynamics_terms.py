@@ -16,7 +16,7 @@ from robot_dynamics.constraints.mixed_dynamics import RobotState
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import base_state, common_batch_shape, link_wrenches
 from robot_dynamics.joint_space.joint_coordinates import JointCoordinates
-from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.regressor import parameter_names, parameters
 from robot_dynamics.newton_euler.screw import apply_transposed
@@ -133,6 +133,8 @@ class DynamicsTerms(JointCoordinates):
     def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, *, base: Base | None = None) -> Array:
         """Regressor Y of the inverse dynamic model: efforts without springs are ``Y @ parameters``.
 
+        The column of a load friction is the magnitude of the load of the robot's own parameters times sign(q̇).
+
         Parameters
         ----------
         q : array_like, shape (..., n) or (..., all joints)
@@ -182,7 +184,10 @@ class DynamicsTerms(JointCoordinates):
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
-        """Names of the columns of `regressor`: XX.link, ... M.link, Ia.joint, Fv.joint, Fs.joint."""
+        """Names of the columns of `regressor`: XX.link, ... M.link, Ia.joint, Fv.joint, Fs.joint, link by link.
+
+        Fva.joint, Fsa.joint, Fst.joint and mu.joint follow, of the joints for which the description has this friction.
+        """
         return parameter_names(self.robot)
 
     @property
@@ -190,15 +195,20 @@ class DynamicsTerms(JointCoordinates):
         """(p,) values of `parameter_names` for this robot."""
         return parameters(self.robot)
 
-    def friction(self, qd: ArrayLike, q: ArrayLike | None = None) -> Array:
-        """Viscous and Coulomb friction alone, that of dependent joints included; zero at rest.
+    def friction(self, qd: ArrayLike, q: ArrayLike | None = None, *, base: Base | None = None) -> Array:
+        """Friction alone, that of dependent joints included; zero at rest.
+
+        Load-dependent friction is that at zero acceleration: the load of a joint is then its Coriolis and gravity term.
 
         Parameters
         ----------
         qd : array_like, shape (..., n)
             Velocities [rad/s or m/s].
         q : array_like, shape (..., n) or (..., all joints), optional
-            Positions [rad or m]; required where the robot has loops.
+            Positions [rad or m]; required where the robot has loops or load-dependent friction.
+        base : Base, optional
+            State of the base without acceleration, for a robot with a moving base only; required where the robot has
+            load-dependent friction.
 
         Returns
         -------
@@ -211,10 +221,27 @@ class DynamicsTerms(JointCoordinates):
             As `inertia_matrix`.
         """
         qd = self._check_joints("velocities", qd)
+        if has_load_friction(self.robot):
+            return self._friction_under_load(qd, q, base)
+        if base is not None:
+            base_state(self.robot, base)  # refuses what does not fit
         state = self._constrained_state_or_any(q)
         with np.errstate(all="ignore"):
             efforts = state.projected(friction(self.robot, state.expand_rates(qd)))
         return broadcast_result(efforts, common_batch_shape(qd, None if q is None else state.q))
+
+    def _friction_under_load(self, qd: Array, q: ArrayLike | None, base: Base | None) -> Array:
+        """Return `friction` of a robot with load-dependent friction."""
+        if q is None:
+            raise InvalidInputError(f"friction of {self.robot.name!r} depends on loads, and these on positions: give q")
+        state = self._state(q, qd, base)
+        self._refuse_base_acceleration(base)
+        with np.errstate(all="ignore"):
+            acceleration = state.base.rest_acceleration
+            H = bias(state.robot, state.chart_q, state.qd, state.base.twist, acceleration, drift=state.drift)
+            loads = H[..., -len(self.robot.joints) :]
+            efforts = friction(self.robot, state.qd) + load_friction(self.robot.joints, state.qd, loads)
+            return broadcast_result(state.constrained_state.projected(efforts), state.batch)
 
     def elasticity(self, q: ArrayLike, qd: ArrayLike) -> Array:
         """Efforts of springs and dampers alone: k (q - q₀) + damping · q̇.
@@ -280,10 +307,15 @@ class DynamicsTerms(JointCoordinates):
         """Return the number of rows of the base in matrices of this robot."""
         return 6 if self.robot.moving_base else 0
 
-    def _bias(self, state: ModelState, base: Base | None, twist: Array, acceleration: Array) -> Array:
-        """Return bias efforts (..., n), or (..., 6 + n) with a moving base, of a twist and acceleration of the base."""
+    @staticmethod
+    def _refuse_base_acceleration(base: Base | None) -> None:
+        """Raise InvalidInputError where the state of the base has an acceleration."""
         if base is not None and base.acceleration is not None:
             raise InvalidInputError("the acceleration of the base has no part in this term: leave it out of Base")
+
+    def _bias(self, state: ModelState, base: Base | None, twist: Array, acceleration: Array) -> Array:
+        """Return bias efforts (..., n), or (..., 6 + n) with a moving base, of a twist and acceleration of the base."""
+        self._refuse_base_acceleration(base)
         with np.errstate(all="ignore"):
             H = bias(state.robot, state.chart_q, state.qd, twist, acceleration, drift=state.drift)
             P = projection_matrix(state.constrained_state.G, self._base_size())

@@ -13,7 +13,7 @@ from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.joint_space.dynamics_terms import DynamicsTerms
 from robot_dynamics.model.placement import invert_placement
 from robot_dynamics.newton_euler.equilibrium import find_equilibrium
-from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
@@ -185,9 +185,10 @@ class JointDynamics(DynamicsTerms):
             qdd, tree_efforts, base_acceleration, wrenches = solve_mixed_dynamics(
                 state, self._unactuated, qdd, -project(passive_efforts)
             )
-            efforts = project(tree_efforts + passive_efforts)
+            tree_efforts = self._add_friction(state, tree_efforts, passive_efforts)
+            efforts = project(tree_efforts)
             efforts[..., self._unactuated] = 0  # the remainder is a rounding error
-        return self._result(state, qdd, efforts, base_acceleration, wrenches, tree_efforts + passive_efforts)
+        return self._result(state, qdd, efforts, base_acceleration, wrenches, tree_efforts)
 
     def _solve_direct(
         self, q: ArrayLike, qd: ArrayLike, efforts: Array, base: Base | None, external_wrenches: ExternalWrenches | None
@@ -196,14 +197,26 @@ class JointDynamics(DynamicsTerms):
         count = len(self.joint_names)
         with np.errstate(all="ignore"):  # values that are not finite are refused with the result
             passive_efforts = self._passive_efforts(state)
+            net_efforts = efforts - state.constrained_state.projected(passive_efforts)
+            independent = self._closure_solver.independent
+            joints = [self.robot.joints[number] for number in independent]
+            loads = loads_from_net_efforts(joints, state.qd[..., independent], net_efforts)
             qdd, tree_efforts, base_acceleration, wrenches = solve_mixed_dynamics(
-                state, range(count), np.zeros(count), efforts - state.constrained_state.projected(passive_efforts)
+                state, range(count), np.zeros(count), loads
             )
-        return self._result(state, qdd, efforts, base_acceleration, wrenches, tree_efforts + passive_efforts)
+            tree_efforts = self._add_friction(state, tree_efforts, passive_efforts)
+        return self._result(state, qdd, efforts, base_acceleration, wrenches, tree_efforts)
 
     def _passive_efforts(self, state: ModelState) -> Array:
-        """Return efforts (..., all joints) of friction and springs."""
+        """Return efforts (..., all joints) of springs, and of friction that does not depend on load."""
         return friction(self.robot, state.qd) + spring_force(self.robot, state.q, state.qd)
+
+    def _add_friction(self, state: ModelState, tree_efforts: Array, passive_efforts: Array) -> Array:
+        """Return tree_efforts (..., all joints) with `_passive_efforts` and load-dependent friction."""
+        efforts = tree_efforts + passive_efforts
+        if has_load_friction(self.robot):
+            efforts = efforts + load_friction(self.robot.joints, state.qd, tree_efforts)
+        return efforts
 
     def _result(
         self,

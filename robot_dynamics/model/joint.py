@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.joint_friction import FRICTION_COEFFICIENTS, find_friction_conflict, has_value
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ScalarArray
+
+NON_NEGATIVE = (
+    "rotor_inertia",
+    "viscous_friction",
+    "coulomb_friction",
+    "load_friction",
+    "stiffness",
+    "damping",
+)
+"""Numbers of a joint that are not negative."""
 
 UNLIMITED = 1e9  # a limit from this value on counts as no limit [rad, m, rad/s, m/s, N m or N]
 SUSPICIOUS_RANGE = 50.0  # [rad] from this range on limits look like degrees
@@ -87,6 +98,17 @@ class Joint:
         Fv [N m s/rad or N s/m].
     coulomb_friction : float
         Fs [N m or N].
+    viscous_asymmetry : float
+        Fva [N m s/rad or N s/m], added to Fv where the joint moves in positive direction, subtracted in the other one.
+    coulomb_asymmetry : float
+        Fsa [N m or N], added to Fs in positive direction, subtracted in the other one.
+    stribeck_friction : float
+        Fst [N m or N], dry friction at low velocity in addition to Fs.
+    stribeck_velocity : float
+        vs [rad/s or m/s], the velocity at which half of Fst is left; positive where there is Fst.
+    load_friction : float
+        μ, the part of the load by which dry friction grows; at least 0 and below 1. The load is the effort of the joint
+        without friction. Only actuated joints outside loops have it, without a spring and without mimic joints.
     limits : Limits
         Limits of position, speed and effort.
     mimic : Mimic, optional
@@ -112,6 +134,11 @@ class Joint:
     rotor_inertia: float = 0.0
     viscous_friction: float = 0.0
     coulomb_friction: float = 0.0
+    viscous_asymmetry: float = 0.0
+    coulomb_asymmetry: float = 0.0
+    stribeck_friction: float = 0.0
+    stribeck_velocity: float = 0.0
+    load_friction: float = 0.0
     limits: Limits = field(default_factory=Limits)
     mimic: Mimic | None = None
     actuated: bool = True
@@ -132,6 +159,24 @@ class Joint:
         if self.actuated:
             return "actuated"
         return "passive" if self.spring is None else "elastic"
+
+    @property
+    def has_friction(self) -> bool:
+        """Whether a coefficient of friction is not zero."""
+        return any(has_value(getattr(self, field)) for field in FRICTION_COEFFICIENTS)
+
+    def without_friction(self) -> Joint:
+        """Return the same joint without friction."""
+        return replace(
+            self,
+            viscous_friction=0.0,
+            coulomb_friction=0.0,
+            viscous_asymmetry=0.0,
+            coulomb_asymmetry=0.0,
+            stribeck_friction=0.0,
+            stribeck_velocity=0.0,
+            load_friction=0.0,
+        )
 
 
 def find_suspicious_limits(joint: Joint) -> list[str]:
@@ -177,8 +222,10 @@ def check_joint(number: int, joint: Joint) -> None:
             continue
         if not np.isfinite(value).all():
             raise DescriptionError(f"joint {joint.name!r}: {name} is not finite")
-        if value.ndim == 0 and value < 0 and name.endswith(("inertia", "friction", "stiffness", "damping")):
+        if value.ndim == 0 and value < 0 and name in NON_NEGATIVE:
             raise DescriptionError(f"joint {joint.name!r}: {name} {value:g} is negative, it would drive the joint")
+    if conflict := find_friction_conflict(joint):
+        raise DescriptionError(f"joint {joint.name!r}: {conflict.message}")
 
 
 def _check_limits(joint: Joint) -> None:
@@ -197,6 +244,11 @@ def _numbers_by_name(joint: Joint) -> dict[str, float]:
         "rotor_inertia": joint.rotor_inertia,
         "viscous_friction": joint.viscous_friction,
         "coulomb_friction": joint.coulomb_friction,
+        "viscous_asymmetry": joint.viscous_asymmetry,
+        "coulomb_asymmetry": joint.coulomb_asymmetry,
+        "stribeck_friction": joint.stribeck_friction,
+        "stribeck_velocity": joint.stribeck_velocity,
+        "load_friction": joint.load_friction,
         "multiplier": mimic.multiplier,
         "offset": mimic.offset,
         "stiffness": spring.stiffness,

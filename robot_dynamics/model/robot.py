@@ -19,6 +19,7 @@ from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_
 from robot_dynamics.model.beam import RigidBody
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint, check_placement
+from robot_dynamics.model.joint_friction import has_value
 from robot_dynamics.model.loop import check_loop
 from robot_dynamics.model.payload import find_payload_warnings
 from robot_dynamics.model.platform import check_platform
@@ -36,6 +37,20 @@ logger = logging.getLogger(__name__)
 
 EARTH_GRAVITY = (0.0, 0.0, -9.81)
 MAX_JOINTS = 2000  # real robots have a hundred; matrices grow with the square
+
+
+class SharedLoadError(DescriptionError):
+    """A joint has load friction, but no load of its own.
+
+    Attributes
+    ----------
+    joint : str
+        Name of the joint.
+    """
+
+    def __init__(self, joint: str, reason: str) -> None:
+        super().__init__(f"joint {joint!r} has no load of its own: {reason}. Leave load_friction out")
+        self.joint = joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,6 +171,7 @@ class Robot:
         if len({platform.link for platform in self.platforms}) < len(self.platforms):
             raise DescriptionError("two platforms have the same link: each module needs its own")
         _ = self.mimic_relations  # raises DescriptionError
+        self._check_load_friction()
 
     def __repr__(self) -> str:
         base = "moving" if self.moving_base else "fixed"
@@ -179,6 +195,18 @@ class Robot:
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
                 raise DescriptionError(f"frame {link.name!r} is not on the link of its name")
+
+    def _check_load_friction(self) -> None:
+        """Raise SharedLoadError where a joint in a loop, or one that mimic joints follow, has load friction."""
+        for number, joint in enumerate(self.joints):
+            if not has_value(joint.load_friction):
+                continue
+            if number in self.joints_in_loops:
+                raise SharedLoadError(joint.name, "it is in a loop, whose joints share the load")
+            relations = enumerate(self.mimic_relations)
+            followers = [self.joints[k].name for k, (leader, _, _) in relations if leader == number != k]
+            if followers:
+                raise SharedLoadError(joint.name, f"it carries those of its mimic joints ({', '.join(followers)})")
 
     @property
     def platform(self) -> Platform | None:

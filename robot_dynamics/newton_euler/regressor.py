@@ -2,7 +2,8 @@
 
 The parameters of a link are XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M about the origin of its frame, then Ia, Fv, Fs of its
 joint. Link 0 has the first ten where the base moves. Each column is the wrench that a link requires with this parameter
-1 and the others 0, transmitted to the base.
+1 and the others 0, transmitted to the base. At the end there is a column for each further parameter of friction that a
+joint has: Fva, Fsa, Fst or mu.
 """
 
 from __future__ import annotations
@@ -13,8 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_entries
-from robot_dynamics.newton_euler.augmented import link_motions, rotational_moment
-from robot_dynamics.newton_euler.friction import signs
+from robot_dynamics.newton_euler.augmented import inverse_dynamics, link_motions, rotational_moment
+from robot_dynamics.newton_euler.friction import (
+    LOAD_PARAMETER,
+    friction_parameter,
+    further_friction_parameters,
+    has_load_friction,
+    signs,
+    unit_friction,
+)
 from robot_dynamics.newton_euler.kinematics import axis_row
 from robot_dynamics.newton_euler.screw import apply, cross, screw
 
@@ -28,11 +36,15 @@ JOINT_PARAMETERS = ("Ia", "Fv", "Fs")
 
 
 def parameter_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the columns: `XX.link`, ... `M.link`, `Ia.joint`, `Fv.joint`, `Fs.joint`, link by link."""
+    """Names of the columns: `XX.link`, ... `M.link`, `Ia.joint`, `Fv.joint`, `Fs.joint`, link by link, then others.
+
+    The others are `Fva.joint`, `Fsa.joint`, `Fst.joint` and `mu.joint`, where the joint has this friction.
+    """
     names = [f"{key}.{robot.base_link}" for key in LINK_PARAMETERS] if robot.moving_base else []
     for joint, link in zip(robot.joints, robot.links[1:], strict=True):
         names += [f"{key}.{link.name}" for key in LINK_PARAMETERS]
         names += [f"{key}.{joint.name}" for key in JOINT_PARAMETERS]
+    names += [f"{key}.{robot.joints[number].name}" for key, number in further_friction_parameters(robot)]
     return tuple(names)
 
 
@@ -46,6 +58,7 @@ def parameters(robot: Robot) -> Array:
         if number > 0:
             joint = robot.joints[number - 1]
             values += [joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction]
+    values += [friction_parameter(robot.joints[number], key) for key, number in further_friction_parameters(robot)]
     return np.array(values)
 
 
@@ -67,7 +80,8 @@ def regressor(
     base_twist, base_acceleration : ndarray, shape (..., 6)
         0V0 and 0V̇0, gravity subtracted, in frame 0.
     links : collection of int, optional
-        Numbers of the links whose columns are computed, with those of their joints. By default all.
+        Numbers of the links whose columns are computed, with those of their joints, without further friction. By
+        default all columns.
 
     Returns
     -------
@@ -91,10 +105,29 @@ def regressor(
                 column = [zero] * (base + joints)
                 column[base + number - 1] = entry
                 columns.append(column)
+    if links is None and further_friction_parameters(robot):
+        loads = zero
+        if has_load_friction(robot):
+            loads, _ = inverse_dynamics(robot, q, qd, qdd, base_twist, base_acceleration, {})
+        for entry, number in _further_friction(robot, qd, loads):
+            column = [zero] * (base + joints)
+            column[base + number] = entry
+            columns.append(column)
     if not columns:
         return np.zeros((base + joints, 0))
     stacked = [np.stack(np.broadcast_arrays(*column), axis=-1) for column in columns]
     return np.stack(np.broadcast_arrays(*stacked), axis=-1)
+
+
+def _further_friction(robot: Robot, qd: ScalarArray, loads: ScalarArray) -> Iterator[tuple[ScalarArray, int]]:
+    """Effect (...) of each of `further_friction_parameters` with the value 1, and the number of its joint.
+
+    loads (..., n): efforts without friction, read for load-dependent friction.
+    """
+    for key, number in further_friction_parameters(robot):
+        load = loads[..., number] if key == LOAD_PARAMETER else 0.0
+        stribeck_velocity = robot.joints[number].stribeck_velocity if key == "Fst" else 1.0
+        yield unit_friction(key, qd[..., number], load, stribeck_velocity), number
 
 
 def _unit_wrenches(motion: LinkMotion) -> Iterator[ScalarArray]:

@@ -25,6 +25,7 @@ from robot_dynamics.recordings.sample_bands import (
     measure_step,
 )
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
+from robot_dynamics.recordings.sample_streams import SampleStream
 from robot_dynamics.recordings.signals import MIN_SPLINE_SAMPLES, interpolate_on_grid
 
 if TYPE_CHECKING:
@@ -84,7 +85,8 @@ class Resampler:
         self.finished: list[SignalSegment] = []
         self._layouts = MessageLayouts(self.names, statistics)
         self._clock = Clock(statistics)
-        self._rows: dict[JointNumbers, list[SampleRow]] = {}
+        self._streams: dict[JointNumbers, SampleStream] = {}  # by the joints of a message
+        self._rows: dict[JointNumbers, list[SampleRow]] = {}  # with known times
         self._new_rows = 0  # since the last `drain`
         self._end: float | None = None  # time of the last sample on the grid
         self._short_end = -np.inf  # end of the last piece that was skipped
@@ -111,7 +113,9 @@ class Resampler:
         missing = np.full(len(joints), np.nan)
         velocity = sample.velocity[columns] if len(sample.velocity) == size else missing
         effort = sample.effort[columns] if len(sample.effort) == size else missing
-        self._rows.setdefault(joints, []).append(SampleRow(time, sample.position[columns], velocity, effort))
+        if joints not in self._streams:
+            self._streams[joints] = SampleStream(sample.source, self.statistics)
+        self._streams[joints].add(SampleRow(time, sample.position[columns], velocity, effort))
         self._new_rows += 1
 
     @property
@@ -121,8 +125,8 @@ class Resampler:
 
     @property
     def pending_rows(self) -> int:
-        """Rows that are not on the grid yet, or wait for joints without messages."""
-        return sum(map(len, self._rows.values()))
+        """Rows that are not on the grid yet, or wait for their times or for joints without messages."""
+        return sum(map(len, self._rows.values())) + sum(map(len, self._streams.values()))
 
     @property
     def offset(self) -> int | None:
@@ -141,6 +145,10 @@ class Resampler:
         RecordingError
             With `final`, where joints are missing or the samples are too few to measure their rate.
         """
+        for joints, stream in self._streams.items():
+            released = stream.release(final)
+            if released:
+                self._rows.setdefault(joints, []).extend(released)
         recorded = {joint for joints in self._rows for joint in joints}
         missing = [name for joint, name in enumerate(self.names) if joint not in recorded]
         if missing and not (final and self.statistics.messages):
@@ -246,6 +254,7 @@ class Resampler:
 
     def _clear(self) -> None:
         """Drop all rows; the next segment continues none."""
+        self._streams = {}
         self._rows = {}
         self._new_rows = 0
         self._end = None

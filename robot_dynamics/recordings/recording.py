@@ -13,6 +13,8 @@ from robot_dynamics.recordings.bags import Bag
 from robot_dynamics.recordings.joint_motions import filter_motions
 from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
+from robot_dynamics.recordings.recorded_duration import count_duration
+from robot_dynamics.recordings.sample_range import WHOLE
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.tables import Table
 
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.alignment import SignalSegment
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.sample_range import SampleRange
 
 ProgressWrapper: TypeAlias = Callable[[Iterable[JointSample]], Iterable[JointSample]]
 """Wraps the iterator over messages, to show progress."""
@@ -36,17 +39,19 @@ class Recording:
     topics : topics that are read.
     drives : conversion from the recorded signals to the joints.
     base : name of the base link where the base moves, and one of the topics has its odometry; else None.
+    sample_range : the part of the recording that is used.
     """
 
     source: Bag | Table
     topics: tuple[str, ...]
     drives: Drives
     base: str | None = None
+    sample_range: SampleRange = WHOLE
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[object, ...]]:
         """Pickled as its path: another process opens the files itself."""
         topics = () if isinstance(self.source, Table) else self.topics
-        return open_recording, (self.source.path.absolute(), self.drives, topics, self.base)
+        return open_recording, (self.source.path.absolute(), self.drives, topics, self.base, self.sample_range)
 
     @property
     def name(self) -> str:
@@ -55,8 +60,9 @@ class Recording:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences on damage of the files; complete after the whole recording was read."""
-        return tuple(self.source.notes)
+        """Sentences on the range and damage of the files; complete after the whole recording was read."""
+        part = () if self.sample_range == WHOLE else (f"a part is used: {self.sample_range}",)
+        return (*part, *self.source.notes)
 
     @property
     def message_count(self) -> int | None:
@@ -88,7 +94,9 @@ class Recording:
         RecordingError
             Where signals of joints are missing, or the samples are too few.
         """
-        samples = self.source.samples(self.topics, self.base)
+        statistics = SampleStatistics() if statistics is None else statistics
+        samples = self.sample_range.select(self.source.samples(self.topics, self.base))
+        samples = count_duration(samples, statistics)
         names = self.drives.names + (BASE_SIGNALS if self.base is not None else ())
         return resample_samples(samples if progress is None else progress(samples), names, statistics, rate)
 
@@ -120,11 +128,18 @@ class Recording:
             yield motion
         if is_empty:
             unit = "row" if isinstance(self.source, Table) else "message"
-            reason = "; ".join([*self.notes, *statistics.sentences]) or f"It has no {unit}"
+            nothing = f"It has no {unit}" + ("" if self.sample_range == WHOLE else f" {self.sample_range}")
+            reason = "; ".join([*self.notes, *statistics.sentences]) or nothing
             raise RecordingError(f"{self.name}: no samples are left. {reason}")
 
 
-def open_recording(path: str | Path, drives: Drives, topics: Sequence[str] = (), base: str | None = None) -> Recording:
+def open_recording(
+    path: str | Path,
+    drives: Drives,
+    topics: Sequence[str] = (),
+    base: str | None = None,
+    sample_range: SampleRange = WHOLE,
+) -> Recording:
     """Open a recording.
 
     Parameters
@@ -133,6 +148,7 @@ def open_recording(path: str | Path, drives: Drives, topics: Sequence[str] = (),
     drives : conversion from the recorded signals to the joints.
     topics : topics to read; empty: all topics of joint states.
     base : name of the base link where the base moves: then a topic of odometry is read too.
+    sample_range : the part of the recording that is used.
 
     Raises
     ------
@@ -148,7 +164,7 @@ def open_recording(path: str | Path, drives: Drives, topics: Sequence[str] = (),
         joint_topics = source.joint_topics([topic for topic in topics if topic not in base_topics])
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    return Recording(source, (*joint_topics, *base_topics), drives, base)
+    return Recording(source, (*joint_topics, *base_topics), drives, base, sample_range)
 
 
 def _open_source(path: Path, drives: Drives) -> Bag | Table:

@@ -18,6 +18,8 @@ CountName: TypeAlias = Literal[
     "edges",
     "second_source",
     "zero_stamp",
+    "held",
+    "lost",
 ]
 
 DESCRIPTIONS: dict[CountName, str] = {
@@ -34,6 +36,8 @@ DESCRIPTIONS: dict[CountName, str] = {
     "edges": "samples are at the ends of segments, where the filter has data on one side only, and were skipped",
     "second_source": "values of joints come from a second topic and were skipped",
     "zero_stamp": "messages have stamp zero; the time of recording is used instead",
+    "held": "messages repeat the values of the previous message and were skipped",
+    "lost": "samples were lost between others; their times show it",
 }
 
 MAX_NAMES = 100  # names listed in one sentence
@@ -49,14 +53,18 @@ class SampleStatistics:
     messages : messages read.
     origin : stamp [ns] of time 0.
     samples : samples after resampling.
+    recorded_duration : time [s] that the messages cover, without pauses of more than a second.
     joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
+    sampling_times : {topic or file: largest delay of its stamps, period of its sender [s]}, where stamps jitter.
     """
 
     counts: Counter[CountName] = field(default_factory=Counter)
     messages: int = 0
     origin: int = 0
     samples: int = 0
+    recorded_duration: float = 0.0
     joints: dict[str, dict[str, None]] = field(default_factory=dict)
+    sampling_times: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def note_joint(self, sentence: str, name: str) -> None:
         """Add a joint to those that a sentence holds for; beyond `MAX_NAMES` only "and others" is added."""
@@ -66,8 +74,18 @@ class SampleStatistics:
         elif name not in names:
             names["and others"] = None
 
+    def note_sampling_times(self, source: str, delay: float, period: float) -> None:
+        """Note that times of a topic are from a model of its sender: delay of a stamp, period of the sender [s]."""
+        largest, _ = self.sampling_times.get(source, (0.0, period))
+        self.sampling_times[source] = max(largest, delay), period
+
     @property
     def sentences(self) -> list[str]:
         """Notes for a report; empty where nothing was skipped or replaced."""
         counted = [f"{self.counts[key]} {sentence}" for key, sentence in DESCRIPTIONS.items() if self.counts[key]]
-        return counted + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]
+        jitter = [
+            f"stamps of {source} are up to {1e3 * delay:.3g} ms late; times are those of a sender with a period of "
+            f"{1e3 * period:.3g} ms"
+            for source, (delay, period) in self.sampling_times.items()
+        ]
+        return counted + jitter + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]

@@ -114,8 +114,10 @@ class TimeStepping:
         conserved = self._momentum_before(state, initial_rates) if inputs.is_undisturbed else None
         has_friction = len(self._friction.joints) > 0 and inputs.motion is None
         impulses = np.zeros(0)
+        limits = impulses, impulses
         if has_friction:
-            inputs, impulses = self._add_friction_efforts(state, initial_rates, inputs)
+            limits = self._friction_limits(state, initial_rates, inputs)
+            inputs, impulses = self._add_friction_efforts(state, initial_rates, inputs, limits)
         initial_q = self._program_positions(state.joint_positions)
         chart, q, rates, coordinates = self._integrator.step(state, initial_q, initial_rates, coordinates, inputs)
         time = (state.steps + 1) * self._step
@@ -128,7 +130,7 @@ class TimeStepping:
             conserved = Momentum(conserved.linear + A[0, 0] * self._step * gravity, conserved.angular)
             rates[:6] = twist_from_momentum(conserved, A, pose[:3, :3], rates)
         if has_friction:
-            rates = rates + self._friction_response(q, rates, inputs, impulses)[0]
+            rates = rates + self._friction_response(q, rates, inputs, impulses, limits)[0]
         rates = self._constraints.project_onto_constraints(q, rates, keep_joint_rates=inputs.motion is not None)
         successor = self._build_state(state.steps + 1, time, pose, q, rates, coordinates, state.joint_velocities)
         if conserved is not None:
@@ -245,10 +247,20 @@ class TimeStepping:
             return self._conserved_momentum
         return momentum(self.inertia_matrix(state), state.pose[:3, :3], initial_rates)
 
+    def _friction_limits(self, state: SimulationState, initial_rates: Array, inputs: StepInputs) -> tuple[Array, Array]:
+        """Lowest and highest impulse (k,) of dry friction in a step that begins with rates (6 + n,)."""
+        if self._friction.constant_limits is not None:
+            return self._friction.constant_limits
+        self._use_coordinates(state, inputs)
+        joints = self._friction.joints
+        joint_shares = self._plant.velocity_matrix(self._program_positions(state.joint_positions))[joints].T
+        efforts = inputs.efforts[joints] if self._plant.loops is not None else joint_shares.T @ inputs.efforts
+        return self._friction.impulse_limits(joint_shares.T @ initial_rates[6:], efforts)
+
     def _add_friction_efforts(
-        self, state: SimulationState, initial_rates: Array, inputs: StepInputs
+        self, state: SimulationState, initial_rates: Array, inputs: StepInputs, limits: tuple[Array, Array]
     ) -> tuple[StepInputs, Array]:
-        """Inputs with friction among the efforts, and its impulses (k,).
+        """Inputs with friction among the efforts, and its impulses (k,) within the limits (k,) of dry friction.
 
         The friction predicted for the end of the step acts throughout the step, so that sticking joints do not move.
         """
@@ -257,7 +269,7 @@ class TimeStepping:
         accelerations = self._integrator.accelerations(state, q, initial_rates, coordinates, inputs)
         predicted_rates = initial_rates + self._step * accelerations
         joints = self._friction.joints
-        _, impulses, joint_shares = self._friction_response(q, predicted_rates, inputs, np.zeros(len(joints)))
+        _, impulses, joint_shares = self._friction_response(q, predicted_rates, inputs, np.zeros(len(joints)), limits)
         efforts = inputs.efforts.copy()
         if self._plant.loops is not None:
             efforts[joints] += impulses / self._step
@@ -266,18 +278,20 @@ class TimeStepping:
         return inputs._replace(efforts=efforts), impulses
 
     def _friction_response(
-        self, q: Array, rates: Array, inputs: StepInputs, applied_impulses: Array
+        self, q: Array, rates: Array, inputs: StepInputs, applied_impulses: Array, limits: tuple[Array, Array]
     ) -> tuple[Array, Array, Array]:
         """Change of the rates (6 + n,) by friction, its impulses (k,), and the shares (n, k) of joints in them.
 
-        applied_impulses: (k,) those that the rates (6 + n,) contain already.
+        applied_impulses: (k,) those that the rates (6 + n,) contain already; limits: lowest and highest impulse (k,) of
+        dry friction.
         """
         friction = self._friction
         joint_shares = self._plant.velocity_matrix(q)[friction.joints].T
         response = self._constraints.impulse_response(q, rates, inputs.drive is not None)[:, 6:] @ joint_shares
         W = joint_shares.T @ response[6:]
         velocities = joint_shares.T @ rates[6:] - W @ applied_impulses
-        impulses = friction_impulses(W, velocities, friction.dry_limits, friction.viscous_gains)
+        viscous_gains = friction.viscous_gains + friction.viscous_asymmetries * np.sign(velocities)
+        impulses = friction_impulses(W, velocities, limits, viscous_gains)
         return response @ (impulses - applied_impulses), impulses, joint_shares
 
     def _program_positions(self, joint_positions: Array) -> Array:

@@ -7,6 +7,7 @@ from peers.recorded import JOINTS, message, messages, panda_motion, uneven_times
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.checking.check import check
 from robot_dynamics.checking.comparison import Comparison
+from robot_dynamics.checking.prediction_filter import PredictedMotion
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.errors import DescriptionError, RecordingError
 from robot_dynamics.recordings.drives import direct_drives, load_drives, write_drives
@@ -29,7 +30,7 @@ def checked(path, drives=None, tolerances=None, **settings):
 
 
 def failed(result):
-    return [verdict.joint.joint for verdict in result.verdicts if not verdict.passed]
+    return [verdict.joint.joint for verdict in result.verdicts if verdict.failed]
 
 
 def test_check_of_efforts_by_pinocchio_passes_with_the_noise_as_residual(tmp_path):
@@ -54,7 +55,7 @@ def test_comparison_agrees_with_statistics_by_numpy():
         zero = np.zeros((700, 2))
         measured, moving = np.ones(2, dtype=bool), np.ones(zero.shape, dtype=bool)
         motion = Motion(7.0 * part, 100.0, 8.0, zero, zero, zero, m, m + 1, measured, moving)
-        comparison.add(motion, p)
+        comparison.add(PredictedMotion(motion, p - 1, p, zero))
         parts.append((m, p))
     m, p = (np.concatenate(values) for values in zip(*parts, strict=True))
     r = m - p
@@ -68,7 +69,10 @@ def test_comparison_agrees_with_statistics_by_numpy():
             "correlation": np.corrcoef(m[:, column], p[:, column])[0, 1],
             "scale": slope,
             "at": np.abs(r[:, column]).argmax() / 100,
-            "rms_unfiltered": np.sqrt(((r[:, column] + 1) ** 2).mean()),
+            "rms_unfiltered": np.sqrt(((r[:, column] + 2) ** 2).mean()),
+            "effort_rms": np.sqrt((m[:, column] ** 2).mean()),
+            "noise": np.sqrt(8 / 42),  # unfiltered less filtered is 1 between 8 and 50 Hz
+            "resting": 0.0,
         }
         for key, value in expected.items():
             assert getattr(joint, key) == pytest.approx(value, rel=1e-9), key
@@ -164,7 +168,7 @@ def test_load_drives_refuses_invalid_files(tmp_path, text, message):
 
 def test_load_tolerances_overrides_the_default(tmp_path):
     (tmp_path / "tight.yaml").write_text(
-        "format: 1\njoints: {panda_joint7: {effort_share: 0.001, normalised_rms: 0.01}}"
+        "format: 1\njoints: {panda_joint7: {effort_share: 0.001, normalised_rms: 0.01, noise_factor: 0.5}}"
     )
     bag = write_bag(tmp_path / "run", messages(noisy()))
     assert failed(checked(bag, tolerances=load_tolerances(tmp_path / "tight.yaml", JOINTS))) == ["panda_joint7"]

@@ -18,6 +18,7 @@ from robot_dynamics.recordings.recording import open_recording
 DYNAMICS = Dynamics(load_robot("panda"))
 MOTION = panda_motion(duration=20.0)
 RATE = 100.0
+WRIST = ["panda_joint5", "panda_joint7"]
 
 
 def noisy(seed=0):
@@ -66,7 +67,8 @@ def test_live_check_agrees_with_the_check_of_the_recording(tmp_path, every):
     # beyond the margins of pieces the transient of the filter has decayed to 1e-6
     assert np.abs(predicted - expected).max() < 1e-5 * np.abs(expected).max()
     for verdict, expected in zip(live.result().verdicts, result.verdicts, strict=True):
-        assert verdict.passed and verdict.joint.rms == pytest.approx(expected.joint.rms, rel=1e-4)
+        assert verdict.word == expected.word != "FAILED"
+        assert verdict.joint.rms == pytest.approx(expected.joint.rms, rel=1e-3)  # transients of 3 periods
         assert verdict.tolerance == pytest.approx(expected.tolerance, rel=1e-4)
 
 
@@ -207,8 +209,9 @@ def test_live_check_drops_rows_that_raise_an_error(monkeypatch):
     ("robot", "bag", "reversed_joint", "expected"),
     [
         (str(REAL_DATA / "ur10/ur10.urdf"), "ur10/ur10_unisa_mcap", None, "all"),
-        ("panda", "panda/panda_unisa_mcap", None, []),
-        ("panda", "panda/panda_unisa_mcap", "panda_joint2", ["panda_joint2"]),
+        # the description has no friction, which is most of the effort of the wrist
+        ("panda", "panda/panda_unisa_mcap", None, WRIST),
+        ("panda", "panda/panda_unisa_mcap", "panda_joint2", ["panda_joint2", *WRIST]),
     ],
 )
 def test_live_check_of_real_robots_reports_the_joints_out_of_tolerance(robot, bag, reversed_joint, expected):
@@ -226,3 +229,18 @@ def test_live_check_of_real_robots_reports_the_joints_out_of_tolerance(robot, ba
             live.advance()
             failed |= {each.verdict.joint.joint for each in live.joint_statuses if each.failed_since is not None}
     assert failed == set(dynamics.joint_names if expected == "all" else expected)
+
+
+def test_live_check_of_which_little_can_be_compared_does_not_pass():
+    """Pieces of 0.3 s between pauses of 0.1 s are too short for the filter; one of 3 s is not."""
+    times = np.arange(0, 20, 0.01)
+    motion = panda_motion(times=times[(times < 3) | (times % 0.4 < 0.3)])
+    live, failures = new_check(), []
+    feed_all(live, samples(motion), 10, lambda number: failures.append(live.coverage_failure))
+    assert failures[0] == "" and "of the recorded time was compared" in live.coverage_failure
+    result = live.result()
+    assert result.coverage == live.coverage < 0.3 and not result.passed
+    assert not any(verdict.failed for verdict in result.verdicts)
+    steady, failures = new_check(), []
+    feed_all(steady, samples(noisy()), 10, lambda number: failures.append(steady.coverage_failure))
+    assert steady.result().coverage > 0.95 and len(failures) > 20 and not any(failures)

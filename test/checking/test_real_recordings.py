@@ -32,7 +32,7 @@ def test_check_of_a_ur10_fails_in_all_joints_with_the_residuals_of_the_reference
     expected = np.array([21.6, 22.4, 16.9, 6.1, 4.1, 5.8])
     assert (rms(result) < FACTOR * expected).all() and (rms(result) > expected / FACTOR).all()
     correlation = [verdict.joint.correlation for verdict in result.verdicts]
-    assert correlation == pytest.approx([0.21, 0.95, 0.85, 0.27, 0.01, 0.03], abs=0.025)
+    assert correlation == pytest.approx([0.21, 0.95, 0.85, 0.27, 0.01, 0.03], abs=0.04)  # rest counted there
     assert not any(verdict.passed for verdict in result.verdicts)
     assert result.comparison.samples == 3441 - 32  # the edges
     assert [note.split()[0] for note in result.notes] == ["32"]
@@ -51,7 +51,8 @@ def test_check_of_a_panda_without_hand_has_the_residuals_of_the_reference():
         X = np.stack([rate, np.sign(rate), np.ones(len(rate))], axis=1)
         unexplained.append(np.sqrt(np.mean((r - X @ np.linalg.lstsq(X, r, rcond=None)[0]) ** 2)))
     assert (np.array(unexplained) < FACTOR * np.array([0.51, 0.37, 0.43, 0.65, 0.18, 0.21, 0.07])).all()
-    assert result.comparison.samples > 700 and result.cutoff == pytest.approx(6.0, abs=0.01)
+    # one of 50 messages repeats the values before it: the values have 29.4 Hz, of which the cut-off is a fifth
+    assert result.comparison.samples > 700 and result.cutoff == pytest.approx(5.88, abs=0.01)
 
 
 def test_bag_reads_the_rest_of_a_real_truncated_database(tmp_path):

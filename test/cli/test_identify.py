@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from argparse import Namespace
 
 import numpy as np
@@ -47,8 +48,49 @@ def test_identify_corrects_a_wrong_description(bags, tmp_path, capsys):
     assert [joint.coulomb_friction for joint in robot.joints] == pytest.approx([0.6] * 7, abs=0.05)
     results = json.loads(figures.read_text())
     assert len(results["parameters"]) == 69 and max(results["validated"]["rms"]) < 0.2
+    assert max(results["consistent_validated"]["rms"]) < 0.2 and results["verdict"] == "well"
+    assert not any(results["validation_failed"]) and "validation fails" not in printed
+    mass = next(entry for entry in results["parameters"] if entry["name"] == "MX.panda_link6")
+    assert mass["seen"] and mass["value"] > mass["description"] + 20 * mass["deviation"]  # the hand
+    assert mass["deviation_within_run"] == mass["deviation"]
     values = [entry["value"] for entry in results["parameters"] if entry["name"] == "Fv.panda_joint1"]
     assert values == pytest.approx([1.5], abs=0.05)
+
+
+def test_a_recording_that_does_not_determine_the_robot_has_another_exit_status(tmp_path, capsys):
+    motion = panda_motion(4.0, viscous=1.5, coulomb=0.6, speed=0.2)
+    noisy = motion._replace(efforts=motion.efforts + np.random.default_rng(0).normal(scale=0.3, size=motion.q.shape))
+    bag, figures = write_bag(tmp_path / "run", messages(noisy)), tmp_path / "fit.json"
+    assert main(["identify", str(bag), "--robot", "panda", "--json", str(figures)]) == 3
+    printed = capsys.readouterr().out
+    assert "verdict: not determined" in printed and "not seen" in printed and "uncertain: panda_joint" in printed
+    results = json.loads(figures.read_text())
+    assert results["verdict"] == "not determined" and results["main_unknown_parameters"]
+    unseen = [entry for entry in results["parameters"] if not entry["seen"]]
+    assert len(unseen) > 10 and not any(entry["essential"] for entry in unseen)
+
+
+def test_a_robot_that_has_changed_fails_the_validation(bags, tmp_path, capsys):
+    """The robot of the second recording carries 2 kg."""
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
+    changed = panda_motion(20.0, seed=3, viscous=1.5, coulomb=0.6, model=loaded_panda(2.0))
+    bag, figures = write_bag(tmp_path / "run", messages(changed)), tmp_path / "fit.json"
+    assert main(["identify", str(bags[0]), "--robot", "panda", "--validate", str(bag), "--json", str(figures)]) == 0
+    printed = capsys.readouterr().out
+    assert "written: validated" in printed and "validation fails" in printed
+    results = json.loads(figures.read_text())
+    assert max(results["validation_growth"]) > 1.5 and any(results["validation_failed"])
+    assert any("the residuals are larger than on fitted data: panda_joint" in text for text in results["warnings"])
+    assert max(results["consistent_validated"]["rms"]) > 3 * max(results["consistent"]["rms"])
+    (alternative,) = results["alternatives"]
+    assert alternative["option"] == "--no-rotor-inertia" and len(alternative["held_out_rms"]) == 7
+
+
+def test_the_written_robot_is_not_needed_without_its_solver(bags, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "clarabel", None)
+    assert main(["identify", str(bags[0]), "--robot", "panda"]) == 0
+    printed = capsys.readouterr().out
+    assert "note: the physically consistent robot was not computed" in printed and "written: fitted" not in printed
 
 
 def test_short_pieces_between_gaps_are_left_out_and_reported(bags, tmp_path, capsys):

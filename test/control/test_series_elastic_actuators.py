@@ -394,6 +394,11 @@ def test_stream_of_points_moves_the_motor_as_a_trajectory_without_jerk():
     ("change", "message"),
     [
         (("viscous_friction: 0", "coulomb_friction: 1"), "'spring' has Coulomb friction beside its spring: the motor"),
+        (
+            ("viscous_friction: 0", "stribeck_friction: 1, stribeck_velocity: 0.1"),
+            "'spring' has Coulomb friction beside",
+        ),
+        (("viscous_friction: 0", "viscous_friction: 1, viscous_asymmetry: 0.1"), "'spring' has asymmetric viscous"),
         ((), "more than one spring is behind the motor 'motor'"),
         (
             ("link: link", "link: link, rotor_inertia: 0.1"),

@@ -18,11 +18,13 @@ from nodes.service_requests import (
     wrench,
     wrench_values,
 )
+from peers.frictions import with_random_friction
 from peers.real_robots import real_urdf
 from scipy.spatial.transform import Rotation
 
 from robot_dynamics import Base, Dynamics, Inertia, InvalidInputError, load_robot
 from robot_dynamics.dynamics import BASE_ROWS
+from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 from robot_dynamics.nodes.client import ServiceClient
 
 
@@ -157,6 +159,26 @@ def test_moving_base_is_that_of_the_library(client, start_server):
     np.testing.assert_allclose(response.coriolis, panda_dynamics.coriolis(q[1], qd[1], base=base), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(response.gravity, panda_dynamics.gravity(q[1], base=base), rtol=1e-9, atol=1e-9)
     np.testing.assert_array_equal(response.friction, np.zeros(size))
+
+
+def test_friction_of_all_kinds_is_that_of_the_library(client, start_server):
+    robot = with_random_friction(load_robot("free_flying_arm"), 3)
+    server = start_server({"robot_description": write_mdh_yaml(robot)})
+    dynamics = Dynamics(robot, compiled=False)
+    joints = list(dynamics.joint_names)
+    q, qd, qdd = motion(2, len(joints))
+    rotations, positions, twists = Rotation.random(2, random_state=1), np.zeros((2, 3)), np.ones((2, 6))
+    pose = np.tile(np.eye(4), (2, 1, 1))
+    pose[:, :3, :3] = rotations.as_matrix()
+    base_motion = base_trajectory(rotations.as_quat(), positions, twists)
+    response = call_successfully(client, server, inverse_request(joints, q, qd, qdd, base=base_motion))
+    efforts = dynamics.inverse(q, qd, qdd, base=Base(pose, twists))
+    np.testing.assert_allclose(field(response.trajectory, "effort"), efforts, rtol=1e-9, atol=1e-9)
+    back = call_successfully(client, server, direct_request(joints, q, qd, efforts, base=base_motion))
+    np.testing.assert_allclose(field(back.trajectory, "accelerations"), qdd, atol=1e-8)
+    terms = call_successfully(client, server, terms_request(joints, q[1], qd[1], base_motion.points[1]))
+    expected = dynamics.friction(qd[1], q[1], base=Base(pose[1], twists[1]))
+    np.testing.assert_allclose(terms.friction, [*np.zeros(6), *expected], rtol=1e-9, atol=1e-9)
 
 
 def test_base_and_gravity_parameters_take_effect(client, start_server):

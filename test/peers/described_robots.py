@@ -12,6 +12,7 @@ from robot_dynamics.model.robot import Frame, Link, Robot
 
 reals = st.floats(-3, 3) | st.sampled_from([0.0, 1e-300, -0.0, 1 / 3, np.pi / 2])
 positive = st.floats(0, 1e6)
+fractions = st.floats(-1, 1) | st.just(0.0)
 NAMES = st.text(st.characters(exclude_categories=["C", "Z"]), min_size=1, max_size=8) | st.sampled_from(
     ["no", "1", "1.5", "null", "true", "~", "a: b", "# x", "'", '"', "\t", "\n", "- x", "é", "日本", " "]
 )
@@ -52,8 +53,12 @@ def robots(draw, names=NAMES):
                 prismatic=draw(st.booleans()),
                 placement=random_pose(),
                 rotor_inertia=0.0 if cut else draw(positive),
-                viscous_friction=draw(positive),
-                coulomb_friction=draw(positive),
+                viscous_friction=(viscous := draw(positive)),
+                coulomb_friction=(coulomb := draw(positive)),
+                viscous_asymmetry=viscous * draw(fractions),
+                coulomb_asymmetry=coulomb * draw(fractions),
+                stribeck_friction=draw(st.sampled_from([0.0, 0.25])),
+                stribeck_velocity=draw(st.floats(1e-6, 1e3)),
                 limits=Limits(-bounds[0] if bounds[0] == np.inf else bounds[0], *bounds[1:]),
                 mimic=None if leads else Mimic(joint_names[k - 1], draw(reals), draw(reals)),
                 actuated=not leads or (not cut and draw(st.booleans())),

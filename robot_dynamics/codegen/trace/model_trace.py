@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.codegen.trace.model_arguments import BASE_ARGUMENTS
+from robot_dynamics.codegen.trace.model_arguments import base_argument_names
 from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
@@ -17,7 +17,7 @@ from robot_dynamics.constraints.constrained_state import charted_state_at, proje
 from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
-from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 
@@ -90,7 +90,7 @@ class ModelTrace:
     base_acceleration : (6,)
         Of the base, minus gravity; zero where it is unknown.
     passive_efforts : (n,)
-        Friction and springs of all joints, projected onto the independent joints.
+        Springs and friction of all joints, but for load-dependent friction, projected onto the independent joints.
     """
 
     def __init__(
@@ -115,13 +115,15 @@ class ModelTrace:
         named_links = {robot.frame(frame).link for frame in (*wrenches, *frames)}
         self._in_charts = name in CHART_MODELS and not virtual_links(robot) & named_links
         self.robot = robot
+        self._joints = robot.joints
+        self._has_load_friction = has_load_friction(robot)
         shifts = np.zeros(len(robot.joints))
         if prepare:
             charts = self.topology.attitudes if self._in_charts else ()
             self.robot, shifts = prepare_robot(robot, group_parameters, [chart.joints[0] for chart in charts])
         original_q = self._trace_positions(len(robot.joints))
         self._trace_motion(original_q + shifts, shifts)
-        self._trace_base(BASE_ARGUMENTS.get(name, ()) if robot.moving_base else (), prescribed_base)
+        self._trace_base(base_argument_names(name, robot), prescribed_base)
         self.wrenches = self._trace_wrenches(wrenches)
         self.all_passive_efforts: ScalarArray = np.zeros(len(robot.joints), dtype=int)
         if "qd" in self.inputs:
@@ -204,6 +206,16 @@ class ModelTrace:
             self.robot, self.q, self.qd, self.joint_accelerations(qdd), self.twist, base_acceleration, self.wrenches
         )
         return forces, wrench
+
+    def add_friction(self, forces: ScalarArray) -> ScalarArray:
+        """Forces of the tree (all joints,) with passive efforts and load-dependent friction."""
+        efforts = forces + self.all_passive_efforts
+        return efforts + load_friction(self._joints, self.qd, forces) if self._has_load_friction else efforts
+
+    def loads(self, net_efforts: ScalarArray, numbers: Sequence[int]) -> ScalarArray:
+        """Loads of joints, by number, from their efforts less passive efforts."""
+        joints = [self._joints[number] for number in numbers]
+        return loads_from_net_efforts(joints, self.qd[list(numbers)], net_efforts)
 
     def bias_rows(self, base_acceleration: ScalarArray) -> ScalarArray:
         """Efforts (m,) of the inverse model without joint accelerations; the wrench of a moving base comes first."""

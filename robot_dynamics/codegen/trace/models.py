@@ -25,7 +25,7 @@ from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.charted_regressor import independent_regressor
 from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.newton_euler import composite
-from robot_dynamics.newton_euler.friction import friction
+from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction
 from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
 from robot_dynamics.newton_euler.screw import cross
 
@@ -89,7 +89,7 @@ def inverse_model(
     if unknown or model.base_is_free:
         base_acceleration, qdd = model.accelerations(unknown, qdd, -model.passive_efforts)
     forces, _ = model.forces(qdd, base_acceleration)
-    efforts = model.projected(forces + model.all_passive_efforts)
+    efforts = model.projected(model.add_friction(forces))
     results = {"efforts": efforts * is_known}
     if unknown:
         results["accelerations"] = qdd
@@ -119,7 +119,7 @@ def direct_model(
     """
     model = ModelTrace("direct", robot, ("q", "qd", "efforts"), wrenches, prescribed_base, group_parameters)
     zeros = np.zeros(model.size, dtype=int)
-    net_efforts = model.inputs["efforts"] - model.passive_efforts
+    net_efforts = model.loads(model.inputs["efforts"] - model.passive_efforts, model.topology.independent)
     base_acceleration, qdd = model.accelerations(tuple(range(model.size)), zeros, net_efforts)
     return model.program({"accelerations": qdd}, base_acceleration, with_pivots)
 
@@ -161,7 +161,7 @@ def state_derivative_model(
         independent=independent,
     )
     model.inputs["efforts"] = efforts = model.trace.input("efforts", len(robot.joints))
-    net_efforts = model.projected(efforts - model.all_passive_efforts)
+    net_efforts = model.projected(model.loads(efforts - model.all_passive_efforts, range(len(robot.joints))))
     zeros = np.zeros(model.size, dtype=int)
     base_acceleration, qdd = model.accelerations(tuple(range(model.size)), zeros, net_efforts)
     return model.program({"velocities": model.qd, "accelerations": qdd}, base_acceleration)
@@ -195,9 +195,16 @@ def bias_model(robot: Robot, *, group_parameters: bool = True) -> Program:
 
 
 def friction_model(robot: Robot, *, group_parameters: bool = True) -> Program:
-    """q, qd -> friction (n,), as Dynamics.friction: of all joints, projected onto the independent ones."""
+    """q, qd -> friction (n,), as Dynamics.friction: of all joints, projected onto the independent ones.
+
+    With load-dependent friction the twist and gravity of a moving base are arguments too.
+    """
     model = ModelTrace("friction", robot, ("q", "qd"), group_parameters=group_parameters)
-    return model.program({"friction": model.projected(friction(robot, model.qd))})
+    efforts = friction(robot, model.qd)
+    if has_load_friction(robot):
+        loads, _ = model.forces(np.zeros(model.size, dtype=int), -model.gravity_screw)
+        efforts = efforts + load_friction(robot.joints, model.qd, loads)
+    return model.program({"friction": model.projected(efforts)})
 
 
 def regressor_model(robot: Robot) -> Program:

@@ -131,7 +131,7 @@ def handle_dynamics_terms(
     base = read_base_point(request.base, dynamics.robot)
     rows = order.independent_order
     names = [dynamics.joint_names[row] for row in rows]
-    friction = dynamics.friction(qd, q)
+    friction = dynamics.friction(qd, q, base=base)
     elasticity = dynamics.elasticity(q, qd)
     if base is not None:  # its six rows come first
         names = [*BASE_ROWS, *names]

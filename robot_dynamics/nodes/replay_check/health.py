@@ -38,6 +38,8 @@ def check_health(
         warnings.append(f"out of tolerance: {', '.join(failed)}")
     if stale_names:
         warnings.append(f"no messages on {', '.join(stale_names)} for {stale_after:g} s")
+    if check.coverage_failure:
+        warnings.append(check.coverage_failure)
     if not statuses:
         warnings.append("nothing was compared yet")
     warnings += [f"{status.verdict.joint.joint}: {status.warning}" for status in statuses if status.warning]
@@ -56,6 +58,7 @@ def check_figures(check: LiveCheck) -> Values:
     if check.latest_motion is not None:
         values["cut-off [Hz]"] = f"{check.latest_motion.cutoff:.3g}"
         values["compared [s]"] = f"{check.latest_motion.end:.5g}"
+        values["coverage [%]"] = f"{100 * check.coverage:.3g}"
     if check.error_message:
         values["last stretch"] = check.error_message
     notes = {f"note {number}": note for number, note in enumerate(check.statistics.sentences, 1)}
@@ -71,11 +74,13 @@ def joint_parts(check: LiveCheck, is_stale: bool) -> Iterator[tuple[str, Level, 
             message = f"no new data; before: {message}"
         verdict = status.verdict
         values = {
+            "verdict": verdict.word.lower(),
             "RMS": f"{verdict.joint.rms:.4g}",
             "tolerated": f"{verdict.tolerance:.4g}",
             "bias": f"{verdict.joint.bias:.4g}",
             "largest": f"{verdict.joint.largest:.4g}",
             "samples": verdict.joint.samples,
+            "at rest [%]": f"{100 * verdict.joint.resting:.3g}",
         }
         if status.failed_since is not None:
             values["since [s]"] = _format_seconds(status.failed_since)
@@ -89,6 +94,8 @@ def _joint_health(status: JointStatus) -> tuple[Level, str]:
     if status.warning:
         return WARN, status.warning
     fits = f"RMS {verdict.joint.rms:.3g} where {verdict.tolerance:.3g} is tolerated"
+    if verdict.not_judged:
+        fits = f"not judged: {verdict.not_judged}"
     if status.last_failure is not None:
         first, last = map(_format_seconds, status.last_failure)
         return WARN, f"{fits}; was out of tolerance from {first} to {last} s"

@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from robot_dynamics.checking.live_check import LiveCheck
 from robot_dynamics.checking.tolerances import load_tolerances
-from robot_dynamics.cli.replay_check import format_check
+from robot_dynamics.cli.check_tables import format_check
 from robot_dynamics.errors import RecordingError, RobotDynamicsError
 from robot_dynamics.nodes.codecs.fields import to_time_message
 from robot_dynamics.nodes.diagnostics import Diagnostics

@@ -19,9 +19,7 @@ PARAMETERS = by_name(
         "path of a YAML file: motors and their ratios, gains, offsets; see config/drives",
         read_at="configuration",
     ),
-    ParameterSpec(
-        "tolerances", "", "path of a YAML file; empty: config/tolerances/default.yaml", read_at="configuration"
-    ),
+    ParameterSpec("tolerances", "normal", "quick, normal, strict, or the path of a YAML file", read_at="configuration"),
     ParameterSpec(
         "cutoff",
         0.0,

@@ -187,6 +187,6 @@ def test_changed_recursion_does_not_load_an_old_program(tmp_path, folder):
     assert len(list(folder.iterdir())) == entries
     changed = package / "codegen" / "trace" / "models.py"
     text = changed.read_text()
-    assert text.count("model.projected(forces + model.all_passive_efforts)") == 1
-    changed.write_text(text.replace("projected(forces + model.all_passive_efforts)", "projected(2 * forces)"))
+    assert text.count("model.projected(model.add_friction(forces))") == 1
+    changed.write_text(text.replace("projected(model.add_friction(forces))", "projected(2 * forces)"))
     assert first_effort() == pytest.approx(2 * expected, rel=1e-9)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from peers.frictions import with_random_friction
 from peers.random_loops import random_loops
 from peers.real_robots import real_urdf
 
@@ -17,6 +18,7 @@ PROGRAMS = {
     "inverse of an RX90": lambda: inverse_model(load_robot("rx90")),
     "inverse of a robot with joints that slide": lambda: inverse_model(read_urdf(real_urdf("tiago"))),
     "direct, with divisions": lambda: direct_model(load_robot("ur5e")),
+    "inverse, with friction of all kinds": lambda: inverse_model(with_random_friction(load_robot("ur5e"), 2)),
     "closure, with square roots and signs": lambda: closure_model(random_loops(1, elastic=False).robot),
 }
 

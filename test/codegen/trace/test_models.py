@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from peers.frictions import with_random_friction
 from peers.random_robots import digits_left, random_states, random_urdf
 from peers.real_robots import real_urdf
 from peers.traced_models import shipped_program, shipped_robot
@@ -16,6 +17,7 @@ from robot_dynamics.codegen.jit.python_functions import python_function
 from robot_dynamics.codegen.trace import models
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.newton_euler import regressor
+from robot_dynamics.newton_euler.friction import has_load_friction
 
 
 def error(actual, expected):
@@ -42,6 +44,11 @@ def with_drives(robot, seed):
             )
         )
     return replace(robot, joints=tuple(joints))
+
+
+def with_all_friction(robot, seed):
+    """The robot of `with_drives` with friction of all kinds."""
+    return with_random_friction(with_drives(robot, seed), seed)
 
 
 def base_arguments(robot, base):
@@ -98,6 +105,27 @@ def check(robot, seed, samples=3, tolerance=1e-12, trace=None):
                 if robot.moving_base and not is_prescribed:
                     assert error(results[1], expected_direct.base_acceleration) < tolerance * condition
     check_terms(robot, trace, dynamics, states, samples, tolerance)
+
+
+def check_friction(robot, seed, tolerance=1e-12):
+    """Compare the programs of friction and of the regressor with the recursions."""
+    dynamics = Dynamics(robot, compiled=False)
+    states = random_states(robot, len(dynamics.joint_names), 3, seed)
+    friction, regressor = (python_function(trace_model(robot, model)) for model in ("friction", "regressor"))
+    for k in range(3):
+        motion, acceleration, arguments = (states.q[k], states.qd[k]), None, ()
+        base = base_in_motion = None
+        if robot.moving_base:
+            acceleration = np.random.default_rng(k).uniform(-2, 2, 6)
+            base = Base(states.base.pose[k], states.base.twist[k])
+            base_in_motion = replace(base, acceleration=acceleration)
+            arguments = base_arguments(robot, base)
+        expected = dynamics.friction(states.qd[k], states.q[k], base=base)
+        results = friction(*motion, *(arguments if has_load_friction(robot) else ()))
+        assert error(results, expected) < tolerance
+        Y = dynamics.regressor(*motion, states.qdd[k], base=base_in_motion)
+        results = regressor(*motion, states.qdd[k], *arguments, *([acceleration] if robot.moving_base else []))
+        assert error(np.reshape(results, Y.shape), Y) < tolerance
 
 
 def as_list(results):
@@ -159,6 +187,30 @@ def test_regressor_times_parameters_is_the_inverse_model(moving_base):
         assert error(rows[-6:], expected.efforts) < 1e-12
         if moving_base:
             assert error(rows[:6], expected.reactions[0]) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_models_of_random_trees_with_all_friction_agree_with_the_recursions(seed):
+    robot = with_all_friction(read_urdf(random_urdf(seed), moving_base=seed >= 2), seed)
+    check(robot, seed)
+    check_friction(robot, seed)
+
+
+@pytest.mark.parametrize("name", ["ur5e", "free_flying_arm", "four_bar", "manutec_r3"])
+def test_models_of_shipped_robots_with_all_friction_agree_with_the_recursions(name):
+    robot = with_random_friction(load_robot(name), 5)
+    assert has_load_friction(robot) or name == "four_bar"
+    check(robot, 5)
+    check_friction(robot, 5)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["sr400", "irb460", "delta_wrist"])
+def test_models_of_shipped_loops_with_load_friction_outside_agree_with_the_recursions(name):
+    robot = with_random_friction(load_robot(name), 5)
+    assert has_load_friction(robot)
+    check(robot, 5, tolerance=1e-11)
+    check_friction(robot, 5, tolerance=1e-11)
 
 
 def test_grouped_parameters_make_programs_smaller():

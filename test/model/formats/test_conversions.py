@@ -18,6 +18,7 @@ from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.formats.urdf.writer import write_urdf
 from robot_dynamics.model.joint import Mimic
+from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.loading import load_robot
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
 
@@ -154,7 +155,8 @@ def numbers_of(joint):
     spring = joint.spring or Spring(np.nan)
     limits = joint.limits
     return [
-        *(joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction, mimic.multiplier, mimic.offset),
+        *(joint.rotor_inertia, mimic.multiplier, mimic.offset),
+        *(getattr(joint, field) for field in FRICTION_FIELDS),
         *(spring.stiffness, spring.rest, spring.damping),
         *(limits.lower, limits.upper, limits.velocity, limits.effort, joint.initial_position),
     ]

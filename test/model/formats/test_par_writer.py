@@ -115,6 +115,12 @@ def test_name_is_unchanged_or_refused(tool, name):
 
 LOST = {
     "mimics joint 'j2'": {"mimic": Mimic("j2")},
+    "has asymmetric friction": {"coulomb_friction": 1.0, "coulomb_asymmetry": 0.5},
+    "has Stribeck friction and has load-dependent friction": {
+        "stribeck_friction": 1.0,
+        "stribeck_velocity": 0.1,
+        "load_friction": 0.2,
+    },
     "has a spring beside its motor": {"spring": Spring(1)},
     "has a spring with a rest position other than zero and has a spring with damping": {
         "spring": Spring(1, 2, 3),

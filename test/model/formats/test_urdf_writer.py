@@ -254,6 +254,19 @@ def test_names_that_are_added_differ_from_those_of_links_and_joints():
 LOSSES = {
     "rotor inertia": (one_joint(rotor_inertia=0.25), "joint 'j': rotor inertia 0.25 kg m²"),
     "spring": (one_joint(spring=Spring(50.0, 0.1, 2.0)), "joint 'j': spring of stiffness 50 N m/rad, rest 0.1 rad"),
+    "viscous asymmetry": (
+        one_joint(viscous_friction=2.0, viscous_asymmetry=-0.5),
+        "asymmetry of viscous friction -0.5 N m s/rad",
+    ),
+    "Coulomb asymmetry": (
+        one_joint(prismatic=True, coulomb_friction=2.0, coulomb_asymmetry=0.5),
+        "joint 'j': asymmetry of Coulomb friction 0.5 N",
+    ),
+    "Stribeck": (
+        one_joint(stribeck_friction=1.5, stribeck_velocity=0.1),
+        "joint 'j': Stribeck friction 1.5 N m at 0.1 rad/s",
+    ),
+    "load": (one_joint(load_friction=0.15), "joint 'j': load-dependent friction 0.15"),
     "passive": (one_joint(actuated=False), "joint 'j': role passive"),
     "gravity": (replace(one_joint(), gravity=(0, 0, 9.81)), r"gravity \[0.0, 0.0, 9.81\] m/s²"),
     "massless": (one_joint(body=Inertia(0.0, (1, 0, 0), np.eye(3))), "link 'tip': first moments"),

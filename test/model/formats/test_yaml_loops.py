@@ -162,7 +162,7 @@ MISTAKES = {
         5,
         "a cut joint mimics no other",
     ),
-    "negative friction": ("coulomb_friction: 0.4", "coulomb_friction: -1", 10, 5, "coulomb_friction -1 is negative"),
+    "negative friction": ("coulomb_friction: 0.4", "coulomb_friction: -1", 17, 23, "coulomb_friction -1 is negative"),
     "degrees": ("alpha: 0.3", "alpha: 30", 12, 43, "radians(30)"),
     "no number": ("initial_position: -pi/3", "initial_position: [1]", 19, 23, "a number or an expression"),
 }

@@ -6,13 +6,17 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.joint import Joint, Limits, Spring, check_joint
+from robot_dynamics.model.joint import NON_NEGATIVE, Joint, Limits, Spring, check_joint
+from robot_dynamics.model.joint_friction import FRICTION_FIELDS, find_friction_conflict
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.model.formats.mdh_yaml.document import YamlMapping, YamlPath
     from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
     from robot_dynamics.model.joint import Mimic
+
+CUT_JOINT_FRICTION_KEYS = tuple(field for field in FRICTION_FIELDS if field != "load_friction")
+"""Keys of the friction of a joint at which a loop is cut."""
 
 
 class RoleConflict(NamedTuple):
@@ -42,8 +46,7 @@ def read_joint(
         prismatic=prismatic,
         placement=placement,
         rotor_inertia=evaluator.number(mapping, "rotor_inertia", path),
-        viscous_friction=evaluator.number(mapping, "viscous_friction", path),
-        coulomb_friction=evaluator.number(mapping, "coulomb_friction", path),
+        **{field: evaluator.number(mapping, field, path) for field in FRICTION_FIELDS},
         limits=read_limits(evaluator, mapping.get("limits", {}), (*path, "limits")),
         mimic=mimic,
         actuated=actuated,
@@ -51,10 +54,13 @@ def read_joint(
         initial_position=evaluator.number(mapping, "initial_position", path),
         brake=mapping.get("brake", False),
     )
+    negative = [key for key in NON_NEGATIVE if key in mapping and getattr(joint, key) < 0]
+    conflict = None if negative else find_friction_conflict(joint)
     try:
         check_joint(number, joint)
     except DescriptionError as error:
-        evaluator.document.fail(path, str(error))
+        keys = [conflict.field] if conflict else negative[:1]
+        evaluator.document.fail((*path, *keys), str(error))
     return joint
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.document import YamlPart
 from robot_dynamics.model.formats.mdh_yaml.joints import (
+    CUT_JOINT_FRICTION_KEYS,
     describe_unknown_link,
     find_role_conflict,
     read_joint,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
     from robot_dynamics.model.joint import Joint
 
-JOINT_KEYS = ("link", "role", "spring", "viscous_friction", "coulomb_friction", "limits", "initial_position", "brake")
+JOINT_KEYS = ("link", "role", "spring", *CUT_JOINT_FRICTION_KEYS, "limits", "initial_position", "brake")
 
 
 class CutLoops(NamedTuple):

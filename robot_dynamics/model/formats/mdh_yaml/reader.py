@@ -31,8 +31,9 @@ from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms, read
 from robot_dynamics.model.formats.mdh_yaml.supplemented_urdf import read_supplemented_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Mimic
+from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.platform import PLATFORM_FRAME
-from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, to_gravity_vector
+from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, SharedLoadError, to_gravity_vector
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike, ScalarArray
@@ -55,8 +56,7 @@ SCHEMA = Path(__file__).with_name("mdh.schema.json")
 JOINT_KEYS = (
     "joint",
     "rotor_inertia",
-    "viscous_friction",
-    "coulomb_friction",
+    *FRICTION_FIELDS,
     "role",
     "spring",
     "mimic",
@@ -136,6 +136,7 @@ class _Builder:
         self._explicit_frames: set[str] = set()
         self._unnamed_frames: set[str] = set()
         self._mimic_joints: list[tuple[str, YamlPath]] = []  # names of the joints that others follow
+        self._load_friction_paths: dict[str, YamlPath] = {}  # by the name of the joint
         self._flexibilities = FlexibilityReader()
         # placements of the frames in which frames on a link are given, where these are not the frames of rows
         self._description_frames: dict[str, ScalarArray] = {}
@@ -169,6 +170,8 @@ class _Builder:
                 loops=loops,
                 platforms=platforms,
             )
+        except SharedLoadError as error:
+            self._document.fail(self._load_friction_paths[error.joint], str(error))
         except DescriptionError as error:
             self._document.fail((), str(error))
 
@@ -321,7 +324,7 @@ class _Builder:
         spring = read_spring(self._evaluator, row["spring"], (*path, "spring")) if "spring" in row else None
         if conflict := find_role_conflict(row.get("role"), spring, "mimic" in row):
             self._document.fail((*path, conflict.key), conflict.message)
-        return read_joint(
+        joint = read_joint(
             self._evaluator,
             row,
             path,
@@ -333,6 +336,8 @@ class _Builder:
             actuated=row.get("role") in (None, "actuated"),
             spring=spring,
         )
+        self._load_friction_paths[joint.name] = (*path, "load_friction")
+        return joint
 
     def _read_mimic(self, mapping: YamlMapping, path: YamlPath) -> Mimic:
         """Return the mimic relation in the mapping at a path."""

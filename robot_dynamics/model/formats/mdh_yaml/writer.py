@@ -15,6 +15,7 @@ from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import format_angle, format_number
 from robot_dynamics.model.formats.mdh_yaml.beam_writer import BeamWriter, bodies_with_own_row, row_inertia
 from robot_dynamics.model.inertia import INERTIA_ENTRIES
+from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.loop import LoopEnd
 from robot_dynamics.model.mdh import MDHParameters, clean_angle, clean_length, mdh_from_placement
 from robot_dynamics.model.mdh_table import build_mdh_table, make_unique_name
@@ -173,7 +174,7 @@ def _mdh(row: MDHParameters) -> str:
 def _joint(joint: Joint) -> list[str]:
     """Return the entries of a joint apart from its placement."""
     entries = []
-    for key in ("rotor_inertia", "viscous_friction", "coulomb_friction"):
+    for key in ("rotor_inertia", *FRICTION_FIELDS):
         if getattr(joint, key):
             entries.append(f"{key}: {format_number(getattr(joint, key))}")
     if joint.mimic is not None:

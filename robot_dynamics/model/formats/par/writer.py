@@ -61,9 +61,9 @@ def write_par(robot: Robot, *, lossy: bool = False) -> str:
     Raises
     ------
     DescriptionError
-        If a .par cannot represent the dynamics of the robot: mimic joints, rest and damping of springs, springs at
-        actuated joints, brakes, initial positions, spherical loops, flexible links, platforms. Symbols, and names that
-        cannot stand in a comment, always raise this error.
+        If a .par cannot represent the dynamics of the robot: mimic joints, friction other than viscous and Coulomb,
+        rest and damping of springs, springs at actuated joints, brakes, initial positions, spherical loops, flexible
+        links, platforms. Symbols, and names that cannot stand in a comment, always raise this error.
     """
     for joint in robot.joints:
         if np.asarray(joint.placement).dtype == object:
@@ -125,6 +125,12 @@ def _joint_losses(joint: Joint) -> list[str]:
     losses = []
     if joint.mimic is not None:
         losses.append(f"mimics joint {_quoted(joint.mimic.joint)}")
+    if joint.viscous_asymmetry or joint.coulomb_asymmetry:
+        losses.append("has asymmetric friction")
+    if joint.stribeck_friction:
+        losses.append("has Stribeck friction")
+    if joint.load_friction:
+        losses.append("has load-dependent friction")
     if joint.initial_position != 0:
         losses.append("has an initial position")
     if joint.brake:

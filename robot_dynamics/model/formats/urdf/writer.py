@@ -17,6 +17,7 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
+from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.mdh import ROUNDING, clean_angle
 from robot_dynamics.model.mdh_table import make_unique_name
 from robot_dynamics.model.placement import invert_placement, roll_pitch_yaw
@@ -58,9 +59,10 @@ def write_urdf(robot: Robot, *, lossy: bool = False) -> str:
     Raises
     ------
     DescriptionError
-        If URDF cannot represent the whole robot: rotor inertia, springs, unactuated joints, brakes, initial positions,
-        loops, platforms, flexible links, another gravity than the Earth's, first moments without mass. The message
-        lists them. Symbols, and names with characters that XML does not have, always raise this error.
+        If URDF cannot represent the whole robot: rotor inertia, friction other than viscous and Coulomb, springs,
+        unactuated joints, brakes, initial positions, loops, platforms, flexible links, another gravity than the
+        Earth's, first moments without mass. The message lists them. Symbols, and names with characters that XML does
+        not have, always raise this error.
     """
     _check_names(robot)
     _check_numbers(robot)
@@ -108,7 +110,8 @@ def _numbers_of(robot: Robot) -> Iterator[tuple[str, tuple[object, ...]]]:
         limits = [limit for limit in vars(joint.limits).values() if not _is_infinite(limit)]
         spring = joint.spring or Spring(0.0)
         mimic = joint.mimic or Mimic("")
-        drive_parameters = (joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction)
+        friction = (getattr(joint, field) for field in FRICTION_FIELDS)
+        drive_parameters = (joint.rotor_inertia, *friction)
         numbers = (*drive_parameters, *vars(spring).values(), *limits, mimic.multiplier, mimic.offset)
         yield f"joint {joint.name!r}", (joint.placement, *numbers, joint.initial_position)
     for link in robot.links:
@@ -161,6 +164,7 @@ def _joint_losses(joint: Joint) -> list[str]:
     losses = []
     if joint.rotor_inertia:
         losses.append(f"rotor inertia {_number(joint.rotor_inertia)} {inertia_unit}")
+    losses += _friction_losses(joint, damping_unit)
     if joint.spring is not None:
         losses.append(
             f"spring of stiffness {_number(joint.spring.stiffness)} {stiffness_unit}, "
@@ -173,6 +177,24 @@ def _joint_losses(joint: Joint) -> list[str]:
         losses.append("brake")
     if joint.initial_position:
         losses.append(f"initial position {_number(joint.initial_position)} {position_unit}")
+    return losses
+
+
+def _friction_losses(joint: Joint, viscous_unit: str) -> list[str]:
+    """Return what URDF cannot represent of the friction of a joint, as phrases."""
+    dry_unit, velocity_unit = ("N", "m/s") if joint.prismatic else ("N m", "rad/s")
+    losses = []
+    if joint.viscous_asymmetry:
+        losses.append(f"asymmetry of viscous friction {_number(joint.viscous_asymmetry)} {viscous_unit}")
+    if joint.coulomb_asymmetry:
+        losses.append(f"asymmetry of Coulomb friction {_number(joint.coulomb_asymmetry)} {dry_unit}")
+    if joint.stribeck_friction:
+        losses.append(
+            f"Stribeck friction {_number(joint.stribeck_friction)} {dry_unit} at "
+            f"{_number(joint.stribeck_velocity)} {velocity_unit}"
+        )
+    if joint.load_friction:
+        losses.append(f"load-dependent friction {_number(joint.load_friction)}")
     return losses
 
 

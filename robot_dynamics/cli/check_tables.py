@@ -1,0 +1,153 @@
+"""Results of checks as text: a table for one recording, and summaries of several."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
+
+if TYPE_CHECKING:
+    from robot_dynamics.checking.baseline import JointChange
+    from robot_dynamics.checking.batch_check import JointSummary, Outcome
+    from robot_dynamics.checking.check import CheckResult
+    from robot_dynamics.cli.text_table import Cell
+
+TABLE_HEADER = [
+    "joint",
+    "verdict",
+    "RMS",
+    "tolerated",
+    "RMS/spread",
+    "largest",
+    "at [s]",
+    "bias",
+    "correlation",
+    "scale",
+    "deviation",
+    "unfiltered",
+    "at rest [%]",
+]
+
+
+def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) -> None:
+    """Print the outcomes of several recordings, and the summary of each joint."""
+    print_table(
+        ["recording", "verdict", "samples", "since [s]", "what is wrong"], [_outcome_row(each) for each in outcomes]
+    )
+    for outcome in outcomes:
+        if outcome.error is not None:
+            print(f"not checked: {outcome.recording}: {outcome.error}")
+        for failure in outcome.check.failures if outcome.check is not None else ():
+            print(f"{outcome.recording}: {failure}")
+    if joints:
+        rows: list[list[Cell]] = [
+            [joint.joint, round_to_digits(joint.rms, 3), round_to_digits(joint.bias, 3), len(joint.failed), joint.worst]
+            for joint in joints
+        ]
+        print_table(
+            ["joint", "RMS", "bias", "failed", "largest in"],
+            rows,
+            "Measured minus predicted effort of all recordings [N m or N]",
+        )
+    for outcome in outcomes:
+        if outcome.check is not None:
+            for note in outcome.check.notes:
+                print(f"note: {outcome.recording}: {note}")
+    passed = sum(1 for outcome in outcomes if outcome.passed)
+    unchecked = sum(1 for outcome in outcomes if outcome.check is None)
+    print(f"\n{passed} passed, {len(outcomes) - passed - unchecked} FAILED, {unchecked} not checked")
+
+
+def _outcome_row(outcome: Outcome) -> list[Cell]:
+    """Return the cells of a recording in the table of outcomes."""
+    if outcome.check is None:
+        return [outcome.recording, "not checked", None, None, None]
+    failed = [verdict.joint.joint for verdict in outcome.check.verdicts if verdict.failed]
+    fault = outcome.fault.sentence if outcome.fault else ""
+    return [
+        outcome.recording,
+        "passed" if outcome.passed else "FAILED",
+        outcome.check.comparison.samples,
+        outcome.check.first_failure_time,
+        "; ".join(filter(None, (", ".join(failed), fault))),
+    ]
+
+
+def format_changes(changes: Sequence[JointChange]) -> list[str]:
+    """Format the changes since a baseline: a table, and a sentence for each reason why a joint is worse."""
+    if not changes:
+        return []
+    several = len({change.recording for change in changes}) > 1
+    rows: list[list[Cell]] = [
+        [
+            change.recording if several else None,
+            change.joint,
+            "WORSE" if change.reasons else "not worse",
+            change.verdict_before,
+            change.verdict,
+            _round_finite(change.rms_before),
+            _round_finite(change.rms),
+            _round_finite(change.tolerated_increase),
+            _round_finite(change.scale_before),
+            _round_finite(change.scale),
+        ]
+        for change in changes
+        if change.reasons or not several
+    ]
+    header = ["recording", "joint", "change", "verdict before", "verdict", "RMS before", "RMS", "tolerated increase"]
+    lines = [format_table([*header, "scale before", "scale"], rows, "Compared with the baseline")] if rows else []
+    for change in changes:
+        name = f"{change.recording}: {change.joint}" if several else change.joint
+        lines += [f"{name}: worse than the baseline: {reason}" for reason in change.reasons]
+    worse = sum(bool(change.reasons) for change in changes)
+    return [*lines, f"{worse} of {len(changes)} joints are worse than in the baseline"]
+
+
+def format_check(result: CheckResult, passed: bool | None = None, sentences: Sequence[str] = ()) -> str:
+    """Format the result of a check as text.
+
+    passed: verdict that includes the sentences; None: that of the result; sentences: further results, such as a fault.
+    """
+    passed = result.passed if passed is None else passed
+    lines = [
+        f"{result.recording} against {result.robot!r}: {result.comparison.samples} samples at {result.rate:.5g} Hz, "
+        f"{result.duration:.5g} s, filtered at {result.cutoff:.3g} Hz, {100 * result.coverage:.3g} % of the recorded "
+        "time"
+    ]
+    lines += [f"note: {note}" for note in result.notes]
+    rows: list[list[Cell]] = []
+    for verdict in result.verdicts:
+        joint = verdict.joint
+        numbers = (
+            joint.rms,
+            verdict.tolerance,
+            joint.normalised,
+            joint.largest,
+            joint.at,
+            joint.bias,
+            joint.correlation,
+            joint.scale,
+            joint.scale_deviation,
+            joint.rms_unfiltered,
+            100 * joint.resting or None,
+        )
+        cells = [_round_finite(number) for number in numbers]
+        rows.append([joint.joint, verdict.word, *cells])
+    lines.append(format_table(TABLE_HEADER, rows, "Measured minus predicted effort [N m or N]"))
+    lines += [f"{verdict.joint.joint}: {failure}" for verdict in result.verdicts for failure in verdict.reasons]
+    lines += result.failures
+    onset = result.first_failure_time
+    since = "" if onset is None else f", out of tolerance since {onset:.4g} s"
+    verdict_line = f"passed{_except_for(result.not_judged)}" if passed else f"FAILED{since}"
+    return "\n".join([*lines, *sentences, "", verdict_line])
+
+
+def _except_for(names: Sequence[str]) -> str:
+    return f", except for joints that are not judged: {', '.join(names)}" if names else ""
+
+
+def _round_finite(number: float | None) -> float | None:
+    """Round to three digits; None where a number is missing or not finite."""
+    return None if number is None or not math.isfinite(number) else round_to_digits(number, 3)

@@ -1,0 +1,89 @@
+"""Uncertainty of a fit from the scatter between blocks of samples, for residuals of any distribution.
+
+The residuals of a joint in a block form a cluster. The estimator is the cluster-robust covariance with the correction
+CR3, which is the jackknife that leaves out one cluster at a time: a cluster pulls the fit towards itself, so that its
+residuals are smaller than those of a fit without it.
+
+Source: Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage samples" (2002);
+MacKinnon, Nielsen and Webb, "Cluster-robust inference: a guide to empirical practice" (2023).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import norm
+from scipy.stats import t as student
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.identification.motion_blocks import MotionBlocks
+
+MIN_BLOCKS = 4  # fewer blocks tell next to nothing of the scatter
+MIN_REMAINDER = 1e-8  # least part of the information on a direction that counts as left without a cluster
+
+
+def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
+    """Estimate the covariance (k, k) of the errors along k directions.
+
+    Parameters
+    ----------
+    blocks : MotionBlocks
+        Blocks that were fitted.
+    weights : (n,) array
+        Weights of the squared residuals of each joint.
+    directions : (P, k) array
+        Directions in which the P parameters were fitted, scaled so that the weighted columns are orthonormal.
+    values : (P,) array
+        Fitted values.
+
+    Returns
+    -------
+    (k, k) array
+        Covariance of the coefficients of the directions.
+    """
+    k = directions.shape[1]
+    covariance = np.zeros((k, k))
+    for factors in blocks.factors:
+        roots = np.sqrt(weights)[:, None]
+        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
+        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        scores = _score_without_cluster(columns, residuals)
+        covariance += scores.T @ scores
+    return covariance * _few_blocks_factor(len(blocks))
+
+
+def _few_blocks_factor(count: int) -> float:
+    """Factor of the jackknife variance of a number of blocks: with very few, Student's interval is much wider."""
+    if count >= MIN_BLOCKS:
+        return (count - 1) / count
+    quantile = student.ppf(0.975, max(count - 1, 1)) / norm.ppf(0.975)
+    return float(quantile**2)
+
+
+def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
+    """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
+    squares: list[Array] = []
+    for factors in blocks.factors:
+        roots = np.sqrt(weights)[:, None]
+        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
+        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        k = columns.shape[-1]
+        change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
+        held_out: Array = (residuals + columns @ change) / roots
+        squares.append(np.square(held_out).sum(axis=1))
+    total: Array = np.sum(squares, axis=0)
+    return total
+
+
+def _score_without_cluster(A: Array, r: Array) -> Array:
+    """Changes (..., k) of the coefficients if rows A (..., N, k) with residuals r (..., N) are left out.
+
+    The columns of all rows together are orthonormal; the change is then (1 - AᵀA)⁻¹ Aᵀ r. Directions that only these
+    rows determine do not change.
+    """
+    transposed = np.swapaxes(A, -1, -2)
+    remainder = (1 + MIN_REMAINDER) * np.eye(A.shape[-1]) - transposed @ A
+    scores: Array = np.asarray(np.linalg.solve(remainder, transposed @ r[..., None])[..., 0], dtype=float)
+    return scores
