@@ -122,9 +122,7 @@ class ChangeTest:
         p_value = self._p_value(columns, joints, row, sizes[row], is_constant_error)
         return Change(gains, row, sizes[row], effect, p_value)
 
-    def _normal_equations(
-        self, columns: Array, joints: list[int], is_constant_error: bool
-    ) -> tuple[Array, Array]:
+    def _normal_equations(self, columns: Array, joints: list[int], is_constant_error: bool) -> tuple[Array, Array]:
         """squares (N, a, a) and products (N, a) of a change that begins at each sample, without model errors."""
         order = self.whitening.order
         white = self.whitening(columns, joints)
@@ -133,14 +131,14 @@ class ChangeTest:
 
         def sums(values: Array, rows: slice = slice(None)) -> Array:
             """Sums (N, a, ...) of products of a change that begins at each sample with values (N, k, ...)."""
-            total = shift_back(sums_to_end(np.einsum("tja,tj...->ta...", white[:, rows], values)), order)
+            total: Array = shift_back(sums_to_end(np.einsum("tja,tj...->ta...", white[:, rows], values)), order)
             for lag, begun in enumerate(first):
                 total += np.einsum("tja,tj...->ta...", begun[:, rows], shift_back(values, lag))
             return total
 
-        products = sums(residuals)
+        products: Array = sums(residuals)
         level = sums(white)  # with the same effect over the whole recording
-        squares = shift_back(sums_to_end(np.einsum("tja,tjb->tab", white, white)), order)
+        squares: Array = shift_back(sums_to_end(np.einsum("tja,tjb->tab", white, white)), order)
         for begun in first:
             squares += np.einsum("tja,tjb->tab", begun, begun)
         ridge = MIN_DISTINCT_PART * np.diagonal(squares, axis1=1, axis2=2).copy()
@@ -162,15 +160,13 @@ class ChangeTest:
 
     def _without_model_errors(self, white: Array, joints: list[int]) -> Array:
         """White columns (N, k, a) of k joints without the part that constant errors of the model reproduce."""
-        remaining = white.copy()
+        remaining: Array = white.copy()
         for index, joint in enumerate(joints):
             error_columns = self._columns[joint]
             remaining[:, index] -= error_columns @ (self._inverses[joint] @ (error_columns.T @ white[:, index]))
         return remaining
 
-    def _p_value(
-        self, columns: Array, joints: list[int], row: int, sizes: Array, is_constant_error: bool
-    ) -> float:
+    def _p_value(self, columns: Array, joints: list[int], row: int, sizes: Array, is_constant_error: bool) -> float:
         """Probability of the evidence for sizes (a,) of a change at a row, from its scatter between blocks."""
         white = self.whitening(columns, joints)
         white[: row + self.whitening.order] = 0  # without the step at the onset, which one block has alone

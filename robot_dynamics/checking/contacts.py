@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 DURATIONS = (0.6, 1.2, 2.4)  # [s] of bumps
 USUAL_QUANTILE = 0.9  # of the evidence of bumps of a joint, which is that of errors of the model
-MIN_EVIDENCE = 100.0  # least evidence of a contact
+MIN_EVIDENCE = 150.0  # least evidence of a contact
 MIN_JOINT_EVIDENCE = 12.0  # least evidence in one joint
 MIN_JOINTS = 2  # joints that a contact loads at least
 STICTION_RATIO = 1.5  # static friction of a joint at most, relative to its Coulomb friction
 REST_NOISE_RATIO = 5.0  # residual at rest beyond static friction, relative to that in motion
-MIN_REST_DURATION = 0.1  # [s] of a contact at rest
+MIN_REST_DURATION = 0.3  # [s] of a contact at rest
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,9 @@ def _bump_evidence(test: ChangeTest, length: int) -> Array:
     columns = []
     for joint in range(white.shape[1]):
         bump = np.asarray(lfilter(test.whitening.filters[joint], 1, np.r_[shape, np.zeros(test.whitening.order)]))
-        products = correlate(white[:, joint] * (weights[:, joint] > 0), bump / test.whitening.deviations[joint], "valid")
+        products = correlate(
+            white[:, joint] * (weights[:, joint] > 0), bump / test.whitening.deviations[joint], "valid"
+        )
         squares = correlate(weights[:, joint] ** 2, bump**2, "valid")
         complete = squares > 0.9 * squares.max()
         evidence = np.where(complete, products**2 / np.maximum(squares, 1e-300), 0)

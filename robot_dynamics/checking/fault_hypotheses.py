@@ -24,7 +24,8 @@ MAX_OFFSET = 0.5  # [rad or m] of an encoder
 MAX_DELAY = 0.3  # [s]
 MIN_DELAY = 0.007  # [s] that is a fault
 MIN_FRICTION_CHANGE = 0.3  # that is a fault, as a part of the friction of the model: heat changes friction too
-MIN_GAIN_FAULT = 0.05  # that is a fault, as a part of the gain
+MIN_GAIN_FAULT = 0.08  # that is a fault, as a part of the gain
+MIN_PAYLOAD = 0.005  # that is a fault, as a part of the mass of the robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ class FaultHypothesis:
 
 
 def fault_hypotheses(
-    signals: FaultSignals, joints: tuple[Joint, ...], link_mass: float
+    signals: FaultSignals, joints: tuple[Joint, ...], link_mass: float, robot_mass: float
 ) -> Iterator[FaultHypothesis]:
     """Yield all faults that may begin, except contacts.
 
@@ -66,11 +67,15 @@ def fault_hypotheses(
     signals : of n joints.
     joints : the n joints of the robot.
     link_mass : mass of the link that may carry a payload [kg]: no more than that can be missing.
+    robot_mass : mass of all links that move [kg].
     """
     n = len(joints)
     everything = tuple(range(n))
-    yield FaultHypothesis("payload", (), everything, signals.payload_efforts, _fit_payload(link_mass))
-    yield FaultHypothesis("delay", (), everything, -signals.predicted_rates[..., None], _fit_between(0, MAX_DELAY), MIN_DELAY)
+    payload_fit = _fit_payload(link_mass)
+    yield FaultHypothesis("payload", (), everything, signals.payload_efforts, payload_fit, MIN_PAYLOAD * robot_mass)
+    yield FaultHypothesis(
+        "delay", (), everything, -signals.effort_rates[..., None], _fit_between(0, MAX_DELAY), MIN_DELAY
+    )
     for number, joint in enumerate(joints):
         yield _friction_hypothesis(signals, number, joint)
         effort = signals.predicted[:, [number], None]
@@ -94,8 +99,10 @@ def describe(kind: FaultKind, names: tuple[str, ...], sizes: Array, link: str) -
     if kind == "friction":
         return f"friction of {joints} changed by {sizes[0]:+.2g} (Coulomb) and {sizes[1]:+.2g} (viscous)"
     if kind == "gain":
-        return f"the effort of {joints} is {1 + sizes[0]:.3g} times too large" if sizes[0] > 0 else (
-            f"the effort of {joints} is only {1 + sizes[0]:.3g} times its value"
+        return (
+            f"the effort of {joints} is {1 + sizes[0]:.3g} times too large"
+            if sizes[0] > 0
+            else (f"the effort of {joints} is only {1 + sizes[0]:.3g} times its value")
         )
     if kind == "offset":
         return f"the position of {joints} is wrong by {sizes[0]:+.2g}"

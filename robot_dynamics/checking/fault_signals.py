@@ -1,8 +1,9 @@
-"""Signals that faults are found in: residuals on a grid, how each fault would change them, and the samples that count."""
+"""Signals that faults are found in: residuals on a grid, how faults change them, and the samples that count."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,7 @@ class FaultSignals:
     ----------
     times : (N,) [s].
     step : typical step between them [s].
+    band : cut-off of the filter of predictions [Hz].
     residuals : (N, n) measured less predicted efforts [N m or N].
     predicted : (N, n) predicted efforts [N m or N].
     velocity_signs, velocities : (N, n) [rad/s or m/s].
@@ -43,6 +45,7 @@ class FaultSignals:
 
     times: Array
     step: float
+    band: float
     residuals: Array
     predicted: Array
     velocity_signs: Array
@@ -79,6 +82,7 @@ class FaultSignals:
         return cls(
             times=times,
             step=step,
+            band=band,
             residuals=measured - predicted,
             predicted=predicted,
             velocity_signs=velocity_signs,
@@ -95,10 +99,16 @@ class FaultSignals:
         minimum: Array = MIN_NOISE_RATIO * self.predicted.std(axis=0) + 1e-9
         return minimum
 
-    @property
-    def predicted_rates(self) -> Array:
-        """Time derivatives (N, n) of the predicted efforts."""
-        rates: Array = np.gradient(self.predicted, self.step, axis=0)
+    @cached_property
+    def effort_rates(self) -> Array:
+        """Time derivatives (N, n) of the measured efforts, without noise: a delay changes efforts by its part of them.
+
+        Those of predicted efforts are larger where Coulomb friction changes its sign.
+        """
+        efforts = self.residuals + self.predicted
+        if self.band * self.step < MAX_SMOOTHING_BAND:
+            efforts = lowpass(efforts, 1 / self.step, self.band)
+        rates: Array = np.gradient(efforts, self.step, axis=0)
         return rates
 
     def model_error_columns(self, joint: int) -> tuple[Array, int]:
@@ -117,9 +127,11 @@ class FaultSignals:
         earlier_signs, signs, later_signs = self._neighbours(self.velocity_signs[:, joint])
         velocity = self.velocities[:, joint]
         speed = np.abs(velocity)
-        typical_speed = float(np.sqrt(np.mean(velocity[self.valid[:, joint]] ** 2))) if self.valid[:, joint].any() else 0.0
+        typical_speed = (
+            float(np.sqrt(np.mean(velocity[self.valid[:, joint]] ** 2))) if self.valid[:, joint].any() else 0.0
+        )
         slow = signs / (1 + (speed / (SLOW_RATIO * typical_speed + 1e-9)) ** 2)
-        free = [np.ones(len(now)), velocity, signs, slow, speed, speed * velocity, now, self.predicted_rates[:, joint]]
+        free = [np.ones(len(now)), velocity, signs, slow, speed, speed * velocity, now, self.effort_rates[:, joint]]
         return np.stack([*free, *(earlier + later), *earlier_signs, *later_signs], axis=-1), len(free)
 
     def _neighbours(self, values: Array) -> tuple[Array, Array, Array]:
