@@ -20,7 +20,7 @@ from robot_dynamics.recordings.sample_range import WHOLE
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.checking.check import CheckResult, PieceCallback
-    from robot_dynamics.checking.faults import Fault
+    from robot_dynamics.checking.fault_search import Fault
     from robot_dynamics.checking.tolerances import Tolerances
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.drives import Drives

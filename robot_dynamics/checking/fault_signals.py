@@ -1,15 +1,14 @@
-"""Signals that faults are found in: residuals on a grid, their predictors, and the samples that count."""
+"""Signals that faults are found in: residuals on a grid, how faults change them, and the samples that count."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from robot_dynamics.checking.whitening import WhiteningFilter
 from robot_dynamics.recordings.signals import lowpass
 
 if TYPE_CHECKING:
@@ -18,11 +17,11 @@ if TYPE_CHECKING:
 SMOOTHING_RATIO = 0.5  # of the cut-off: smooths predictions, as the friction of real robots reverses smoothly
 MAX_SMOOTHING_BAND = 0.4  # of the rate; with a higher band samples are means over more than the filter smooths
 EDGE_DURATION = 0.5  # [s] at ends and gaps that do not count, as filters have data on one side only
-QUIET_FRACTION = 0.3  # part of the seconds that is taken as free of faults for the first estimate of noise
 MIN_NOISE_RATIO = 1e-3  # of the spread of a joint's efforts
 RESPONSE_DURATION = 0.4  # [s] before and after a prediction over which joints may respond to it
 RESPONSE_SAMPLES = 6  # samples of the response on each side
-RIDGE = 1e-3  # regularisation of the response, as a part of the squares of its columns
+SLOW_RATIO = 0.3  # of the typical speed: below it friction may be another (Stribeck)
+FIXED_ROWS = 10  # rows of samples before those of encoder offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,21 +32,28 @@ class FaultSignals:
     ----------
     times : (N,) [s].
     step : typical step between them [s].
+    band : cut-off of the filter of predictions [Hz].
     residuals : (N, n) measured less predicted efforts [N m or N].
     predicted : (N, n) predicted efforts [N m or N].
     velocity_signs, velocities : (N, n) [rad/s or m/s].
     payload_efforts : (N, n, 4) efforts for a payload of 1 kg, and for first moments of 1 kg m along x, y, z.
-    valid : (N,) samples that count.
+    offset_efforts : (N, n, n) change of the residuals of the joints (axis 1) where an encoder (axis 2) shows positions
+        that are larger by 1 rad or 1 m.
+    valid : (N, n) samples that count: far from ends and gaps, of a joint that moves.
+    resting : (N, n) samples of a joint that rests, far from its motion, ends and gaps.
     """
 
     times: Array
     step: float
+    band: float
     residuals: Array
     predicted: Array
     velocity_signs: Array
     velocities: Array
     payload_efforts: Array
+    offset_efforts: Array
     valid: BoolArray
+    resting: BoolArray
 
     @classmethod
     def from_rows(cls, rows: Array, cutoff: float) -> FaultSignals:
@@ -55,13 +61,16 @@ class FaultSignals:
 
         Parameters
         ----------
-        rows : (9, N, n) times, measured efforts, predicted efforts, signs of velocities, velocities, four payload
-            efforts. Measured efforts are not filtered: that would blur the onset of a fault.
+        rows : (10 + n, N, n) times, whether joints move, measured efforts, predicted efforts, signs of velocities,
+            velocities, four payload efforts, and the n effects of encoder offsets. Measured efforts are not filtered:
+            that would blur the onset of a fault.
         cutoff : cut-off frequency of the motion [Hz].
         """
         times = rows[0, :, 0]
-        measured = rows[1]
-        predictors = rows[2:]
+        moves = rows[1] > 1 - 1e-9
+        rests = rows[1] < 1e-9
+        measured = rows[2]
+        predictors = rows[3:]
         step = float(np.median(np.diff(times)))
         band = SMOOTHING_RATIO * cutoff
         if band * step < MAX_SMOOTHING_BAND:
@@ -69,15 +78,19 @@ class FaultSignals:
             columns = lowpass(columns, 1 / step, band)
             predictors = columns.reshape(len(times), len(predictors), -1).transpose(1, 0, 2)
         predicted, velocity_signs, velocities = predictors[:3]
+        inside = _far_from_gaps(times, step)[:, None]
         return cls(
             times=times,
             step=step,
+            band=band,
             residuals=measured - predicted,
             predicted=predicted,
             velocity_signs=velocity_signs,
             velocities=velocities,
-            payload_efforts=np.stack(list(predictors[3:]), axis=-1),
-            valid=_far_from_gaps(times, step),
+            payload_efforts=np.stack(list(predictors[3:7]), axis=-1),
+            offset_efforts=np.stack(list(predictors[7:]), axis=-1),
+            valid=inside & moves,
+            resting=inside & _far_from_motion(rests, step),
         )
 
     @property
@@ -86,45 +99,40 @@ class FaultSignals:
         minimum: Array = MIN_NOISE_RATIO * self.predicted.std(axis=0) + 1e-9
         return minimum
 
-    def delay_effect(self, shift: float) -> Array:
-        """Change of the predicted efforts (N, n) where they come `shift` [s] later."""
-        delayed: Array = CubicSpline(self.times, self.predicted)(self.times - shift)
-        return delayed - self.predicted
+    @cached_property
+    def effort_rates(self) -> Array:
+        """Time derivatives (N, n) of the measured efforts, without noise: a delay changes efforts by its part of them.
 
-    def initial_whitening(self) -> WhiteningFilter:
-        """Weights without filters: by the RMS in the quietest seconds of each joint."""
-        seconds = np.floor(self.times).astype(int)
-        starts = np.flatnonzero(np.diff(seconds, prepend=seconds[0] - 1))
-        counts = np.diff([*starts, len(seconds)])
-        rms = np.sqrt(np.add.reduceat(self.residuals**2, starts, axis=0) / counts[:, None])
-        quiet = np.sort(rms, axis=0)[: max(1, int(np.ceil(QUIET_FRACTION * len(rms))))]
-        noise = np.maximum(np.sqrt((quiet**2).mean(axis=0)), self.min_noise)
-        return WhiteningFilter(np.ones((len(noise), 1)), self.valid[:, None] / noise)
-
-    def with_fitted_response(self, unexplained: Array) -> FaultSignals:
-        """The signals with the response of the joints to their predictions, fitted to unexplained residuals (N, n).
-
-        The predicted efforts some time before and after a sample have the same coefficient, so that the response
-        contains no delay. Friction has separate ones: it is late where joints are elastic.
+        Those of predicted efforts are larger where Coulomb friction changes its sign.
         """
-        whitening = WhiteningFilter.fit(unexplained, self.valid, self.min_noise)
-        responses = np.zeros_like(unexplained)
-        for joint in range(unexplained.shape[1]):
-            columns = self._response_columns(joint)
-            white = whitening(columns[:, None], [joint])[:, 0]
-            target = whitening(unexplained[:, [joint]], [joint])[:, 0]
-            scale = np.sqrt((white**2).sum(axis=0)) + 1e-9
-            squares = (white / scale).T @ (white / scale) + RIDGE * np.eye(len(scale))
-            responses[:, joint] = columns @ (np.linalg.solve(squares, (white / scale).T @ target) / scale)
-        return replace(self, residuals=self.residuals - responses, predicted=self.predicted + responses)
+        efforts = self.residuals + self.predicted
+        if self.band * self.step < MAX_SMOOTHING_BAND:
+            efforts = lowpass(efforts, 1 / self.step, self.band)
+        rates: Array = np.gradient(efforts, self.step, axis=0)
+        return rates
 
-    def _response_columns(self, joint: int) -> Array:
-        """Columns (N, a) of zero mean, of which the response of a joint is a linear combination."""
+    def model_error_columns(self, joint: int) -> tuple[Array, int]:
+        """Columns (N, K) of which the constant error of the model of a joint is a linear combination.
+
+        Returns
+        -------
+        columns : (N, K)
+            Offset, friction as a curve over velocity, scale and delay; then the response of the joint to its
+            prediction. Efforts some time before and after a sample have the same coefficient, so that the response
+            contains no delay. Friction has separate ones: it is late where joints are elastic.
+        free : int
+            Number of columns before those of the response.
+        """
         earlier, now, later = self._neighbours(self.predicted[:, joint])
         earlier_signs, signs, later_signs = self._neighbours(self.velocity_signs[:, joint])
-        columns = np.stack([now, *(earlier + later), *earlier_signs, signs, *later_signs], axis=-1)
-        columns -= columns.mean(axis=0)
-        return columns
+        velocity = self.velocities[:, joint]
+        speed = np.abs(velocity)
+        typical_speed = (
+            float(np.sqrt(np.mean(velocity[self.valid[:, joint]] ** 2))) if self.valid[:, joint].any() else 0.0
+        )
+        slow = signs / (1 + (speed / (SLOW_RATIO * typical_speed + 1e-9)) ** 2)
+        free = [np.ones(len(now)), velocity, signs, slow, speed, speed * velocity, now, self.effort_rates[:, joint]]
+        return np.stack([*free, *(earlier + later), *earlier_signs, *later_signs], axis=-1), len(free)
 
     def _neighbours(self, values: Array) -> tuple[Array, Array, Array]:
         """Values (N,) some samples earlier (K, N), now (N,), and as many later (K, N)."""
@@ -143,3 +151,10 @@ def _far_from_gaps(times: Array, step: float) -> BoolArray:
     width = 2 * max(2, int(EDGE_DURATION / step)) + 1
     valid: BoolArray = maximum_filter1d(is_edge.astype(int), width) == 0
     return valid
+
+
+def _far_from_motion(rests: BoolArray, step: float) -> BoolArray:
+    """Samples (N, n) of joints that have rested, and will rest, for EDGE_DURATION."""
+    width = 2 * max(2, int(EDGE_DURATION / step)) + 1
+    far: BoolArray = minimum_filter1d(rests.astype(int), width, axis=0) > 0
+    return far

@@ -1,4 +1,4 @@
-"""Whitening of residuals, and the part of them that a change from some sample on explains.
+"""Whitening of residuals: filters that make the residuals of neighbouring samples independent.
 
 Errors of a model vary slowly, so that residuals of neighbouring samples are correlated. An autoregression predicts the
 residual of a sample from those before it. Its prediction errors are white, so that their squares can be compared with
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import BoolArray
 
 AUTOREGRESSION_ORDER = 4
-VARIANCE_FLOOR = 1e-3  # part of the variance of residuals that is taken as white at least
+VARIANCE_FLOOR = 0.1  # part of the variance of residuals that is taken as white at least
 
 
 class WhiteningFilter:
@@ -29,21 +29,40 @@ class WhiteningFilter:
     Parameters
     ----------
     filters : (n, m + 1) coefficients of each joint, the first of them 1.
+    deviations : (n,) standard deviations of the white residuals.
+    valid : (N, n) samples that count.
+
+    Attributes
+    ----------
     weights : (N, n) 1 / standard deviation of the white residual; 0 for samples that do not count.
     """
 
-    def __init__(self, filters: Array, weights: Array) -> None:
+    def __init__(self, filters: Array, deviations: Array, valid: BoolArray) -> None:
         self.filters = filters
-        self.weights = weights
+        self.deviations = deviations
+        self.weights: Array = valid / deviations
+        self._counts = valid.sum(axis=0)
 
     @classmethod
     def fit(cls, residuals: Array, valid: BoolArray, min_noise: Array) -> WhiteningFilter:
-        """Fit filters to residuals (N, n) on valid samples (N,); min_noise: (n,) least standard deviation."""
-        count = int(valid.sum())
-        fits = [_fit_autoregression(np.where(valid, column, 0), count) for column in residuals.T]
+        """Fit filters to residuals (N, n) on valid samples (N, n); min_noise: (n,) least standard deviation."""
+        fits = [
+            _fit_autoregression(np.where(counts, column, 0), int(counts.sum()))
+            for column, counts in zip(residuals.T, valid.T, strict=True)
+        ]
         filters = np.array([coefficients for coefficients, _ in fits])
         noise = np.array([deviation for _, deviation in fits])
-        return cls(filters, valid[:, None] / np.maximum(noise, min_noise))
+        return cls(filters, np.maximum(noise, min_noise), valid)
+
+    @property
+    def order(self) -> int:
+        """Number of earlier samples that the filters use."""
+        return int(self.filters.shape[1]) - 1
+
+    @property
+    def log_likelihood(self) -> float:
+        """Logarithm of the Gaussian likelihood of the residuals that the filters were fitted to, up to a constant."""
+        return -float(self._counts @ np.log(self.deviations))
 
     def __call__(self, values: Array, joints: slice | Sequence[int] = slice(None)) -> Array:
         """Apply the filters of some joints to values (N, k, ...) of these joints."""
@@ -53,33 +72,15 @@ class WhiteningFilter:
         whitened: Array = np.stack(white, axis=1) * weights.reshape(*weights.shape, *[1] * (values.ndim - 2))
         return whitened
 
-    def correlation_sums(self, columns: Array, residuals: Array, joints: Sequence[int]) -> tuple[Array, Array]:
-        """Normal equations of a change that begins at each sample.
+    def first_samples(self, values: Array, lag: int, joints: Sequence[int]) -> Array:
+        """The white value of the sample `lag` after each sample, where values (N, k, a) are 0 before that sample.
 
-        The filter must not use columns before the change begins: the step at its beginning dates a change best.
-
-        Parameters
-        ----------
-        columns : (N, k, a) effects of the change on k joints for unit values of its a sizes.
-        residuals : (N, n) white residuals.
-        joints : numbers of the k joints.
-
-        Returns
-        -------
-        squares : (N, a, a) and products : (N, a)
-            Sums over the samples from each sample on, of white columns with themselves and with residuals.
+        The filter must not use columns before a change begins: the step at its beginning dates a change best.
         """
-        r = residuals[:, joints]
-        w = self(columns, joints)
-        order = self.filters.shape[1] - 1
-        squares = _shift_back(_sums_to_end(np.einsum("tja,tjb->tab", w, w)), order)
-        products = _shift_back(_sums_to_end(np.einsum("tja,tj->ta", w, r)), order)
-        for row in range(order):  # after the beginning, where only `row` columns before this one count
-            begun = sum(self.filters[joints, lag][:, None] * _shift_back(columns, row - lag) for lag in range(row + 1))
-            begun = begun * _shift_back(self.weights[:, joints], row)[..., None]
-            squares += np.einsum("tja,tjb->tab", begun, begun)
-            products += np.einsum("tja,tj->ta", begun, _shift_back(r, row))
-        return squares, products
+        filters = self.filters[list(joints)]
+        begun = sum(filters[:, step][:, None] * shift_back(values, lag - step) for step in range(lag + 1))
+        whitened: Array = begun * shift_back(self.weights[:, list(joints)], lag)[..., None]
+        return whitened
 
 
 def _fit_autoregression(values: Array, count: int) -> tuple[Array, float]:
@@ -95,12 +96,12 @@ def _fit_autoregression(values: Array, count: int) -> tuple[Array, float]:
     return np.r_[1, -coefficients], float(np.sqrt(max(variance, 0)))
 
 
-def _sums_to_end(values: Array) -> Array:
+def sums_to_end(values: Array) -> Array:
     """Sums of the rows from each row to the end."""
     return np.cumsum(values[::-1], axis=0)[::-1]
 
 
-def _shift_back(values: Array, rows: int) -> Array:
+def shift_back(values: Array, rows: int) -> Array:
     """Values some rows later, 0 beyond the end."""
     shifted = np.zeros_like(values)
     shifted[: len(values) - rows] = values[rows:]

@@ -1,0 +1,232 @@
+"""Which fault explains the residuals of a recording, on which joint, and since when.
+
+Each kind of fault states how measured efforts differ from predicted ones from its onset on. `ChangeTest` fits its size
+and its onset beside the constant errors of the model. For the best faults the noise is fitted anew without their
+effects, so that their likelihoods can be compared. The most likely one is named if it beats every sound explanation:
+its evidence is consistent between blocks of the recording, its effect stands out of the errors of the model, and its
+size is one that sound robots do not show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.checking.change_test import ChangeTest
+from robot_dynamics.checking.contacts import find_contact_in_motion
+from robot_dynamics.checking.fault_hypotheses import describe, fault_hypotheses
+from robot_dynamics.checking.whitening import WhiteningFilter
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.checking.change_test import Change
+    from robot_dynamics.checking.contacts import Contact
+    from robot_dynamics.checking.fault_hypotheses import FaultHypothesis, FaultKind
+    from robot_dynamics.checking.fault_signals import FaultSignals
+    from robot_dynamics.model.joint import Joint
+
+MIN_DURATION = 2.0  # [s] a shorter change cannot be distinguished from an error of the model
+ITERATIONS = 3
+CANDIDATES = 6  # faults with the largest gains whose likelihoods are compared
+CONSTANT_ERRORS = ("payload", "offset")  # faults whose effect over the whole recording is an error of the model
+MAX_P_VALUE = 3e-5
+MIN_LOG_LIKELIHOOD = 20.0  # least increase of the logarithm of the likelihood
+MIN_LOG_LIKELIHOOD_PER_SIZE = 10.0  # as above, for each fitted size: more sizes fit errors of the model better
+MIN_EFFECT_RATIO = 0.5  # least RMS of the effect of a fault, relative to that of residuals without fault, in one joint
+MIN_PAYLOAD_RATIO = 1.0  # as above, of a payload, whose four sizes fit errors of the model better
+MAX_ONSET_INTERVAL = 0.3  # longest interval of possible onsets, as a part of the recording
+ONSET_MARGIN = 7.5  # onsets whose logarithm of the likelihood is lower by less are possible onsets
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of a recording.
+
+    Attributes
+    ----------
+    kind : of the fault.
+    joints : names of the joints; empty for a payload, a delay and a contact, which concern all.
+    onset : most likely beginning [s].
+    between : earliest and latest possible beginning [s].
+    gain : increase of the logarithm of the likelihood of the residuals.
+    p_value : probability of evidence as strong without fault, for one kind of fault.
+    sentence : description of the fault.
+    """
+
+    kind: FaultKind
+    joints: tuple[str, ...]
+    onset: float
+    between: tuple[float, float]
+    gain: float
+    p_value: float
+    sentence: str
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A fault that may explain the residuals.
+
+    Attributes
+    ----------
+    hypothesis : kind and joints.
+    change : its size and onset.
+    gain : increase of the logarithm of the likelihood.
+    effect_ratio : largest RMS of its effect on a joint after the onset, relative to the RMS of residuals without it.
+    """
+
+    hypothesis: FaultHypothesis
+    change: Change
+    gain: float
+    effect_ratio: float
+
+
+class FaultSearch:
+    """The comparison of all faults on the signals of a recording.
+
+    Parameters
+    ----------
+    signals : residuals and their predictors.
+    names : of the n joints.
+    joints : the n joints.
+    link : name of the link that may carry a payload.
+    masses : of this link, and of all links that move [kg].
+    """
+
+    def __init__(
+        self,
+        signals: FaultSignals,
+        names: Sequence[str],
+        joints: tuple[Joint, ...],
+        link: str,
+        masses: tuple[float, float],
+    ) -> None:
+        self.signals = signals
+        self.names = names
+        self.link = link
+        self._joints = joints
+        times = signals.times[signals.valid.any(axis=1)]
+        first, last = np.searchsorted(signals.times, [times[0] + MIN_DURATION / 2, times[-1] - MIN_DURATION])
+        self._onsets = slice(first, max(first, last))
+        nothing = np.zeros_like(signals.residuals)
+        whitening, _ = self._fit_noise(nothing)
+        self._sound_log_likelihood = whitening.log_likelihood
+        test = ChangeTest(signals, whitening, signals.residuals)
+        self.contact = find_contact_in_motion(test)
+        hypotheses = list(fault_hypotheses(signals, joints, *masses))
+        gains = [self._fit(test, hypothesis).gain for hypothesis in hypotheses]
+        best = sorted(range(len(gains)), key=lambda index: -gains[index])[:CANDIDATES]
+        self.candidates = sorted(
+            (self._candidate(hypotheses[index], test) for index in best), key=lambda each: -each.gain
+        )
+
+    def _fit(self, test: ChangeTest, hypothesis: FaultHypothesis) -> Change:
+        return test.fit(
+            hypothesis.columns,
+            list(hypothesis.affected),
+            hypothesis.fit_sizes,
+            self._onsets,
+            is_constant_error=hypothesis.kind in CONSTANT_ERRORS,
+        )
+
+    def _fit_noise(self, effect: Array) -> tuple[WhiteningFilter, Array]:
+        """Fit filter and constant errors of the model (N, n) to the residuals without an effect (N, n)."""
+        signals = self.signals
+        residuals = signals.residuals - effect
+        errors = np.zeros_like(residuals)
+        for _ in range(2):
+            whitening = WhiteningFilter.fit(residuals - errors, signals.valid, signals.min_noise)
+            errors = ChangeTest(signals, whitening, residuals).model_errors
+        return WhiteningFilter.fit(residuals - errors, signals.valid, signals.min_noise), errors
+
+    def _candidate(self, hypothesis: FaultHypothesis, test: ChangeTest) -> Candidate:
+        """The candidate of a hypothesis, with the noise fitted to the residuals without its effect."""
+        signals = self.signals
+        change = self._fit(test, hypothesis)
+        for _ in range(ITERATIONS):
+            whitening, errors = self._fit_noise(change.effect)
+            change = self._fit(ChangeTest(signals, whitening, signals.residuals), hypothesis)
+        whitening, errors = self._fit_noise(change.effect)
+        gain = whitening.log_likelihood - self._sound_log_likelihood
+        after = np.arange(len(signals.times)) >= change.row
+        effect = _rms(change.effect, signals.valid & after[:, None])
+        unexplained = _rms(signals.residuals - errors - change.effect, signals.valid)
+        return Candidate(hypothesis, change, gain, float((effect / np.maximum(unexplained, 1e-300)).max()))
+
+    def fault(self) -> Fault | None:
+        """The most likely fault; None where a sound robot explains the residuals."""
+        significant = next((each for each in self.candidates if self._is_significant(each)), None)
+        if significant is None:
+            return None if self.contact is None else name_contact(self.contact, self.names)
+        # something is wrong with these joints: of the faults of the same joints, the most likely one is named
+        joints = significant.hypothesis.joints
+        best = next(each for each in self.candidates if each.hypothesis.joints == joints and self._is_large(each))
+        residuals = self.signals.residuals - best.change.effect
+        whitening, _ = self._fit_noise(best.change.effect)
+        remaining = find_contact_in_motion(ChangeTest(self.signals, whitening, residuals))
+        return self._named(best) if remaining is None else name_contact(remaining, self.names)
+
+    def _is_significant(self, candidate: Candidate) -> bool:
+        """Whether no sound robot shows such evidence."""
+        return (
+            self._is_large(candidate)
+            and candidate.change.p_value <= MAX_P_VALUE
+            and self._onset_interval(candidate.change) <= MAX_ONSET_INTERVAL * self._duration
+        )
+
+    def _is_large(self, candidate: Candidate) -> bool:
+        """Whether size, likelihood and effect are beyond those of sound robots."""
+        min_ratio = MIN_PAYLOAD_RATIO if candidate.hypothesis.kind == "payload" else MIN_EFFECT_RATIO
+        return (
+            candidate.gain >= max(MIN_LOG_LIKELIHOOD, MIN_LOG_LIKELIHOOD_PER_SIZE * len(candidate.change.sizes))
+            and candidate.effect_ratio >= min_ratio
+            and candidate.hypothesis.is_fault(candidate.change.sizes)
+        )
+
+    @property
+    def _duration(self) -> float:
+        return float(self.signals.times[-1] - self.signals.times[0])
+
+    def _onset_interval(self, change: Change) -> float:
+        """Duration [s] of the interval of possible onsets."""
+        earliest, latest = self._possible_onsets(change)
+        return latest - earliest
+
+    def _possible_onsets(self, change: Change) -> tuple[float, float]:
+        """Earliest and latest possible onset [s]."""
+        times = self.signals.times
+        possible = times[(change.gains > 0) & (change.gains >= change.gain - 2 * ONSET_MARGIN)]
+        return float(max(possible[0] - self.signals.step, times[0])), float(possible[-1] + self.signals.step)
+
+    def _named(self, candidate: Candidate) -> Fault:
+        """The Fault of a candidate, with the interval of its onset."""
+        times = self.signals.times
+        change = candidate.change
+        log_likelihoods = np.where(change.gains > 0, (change.gains - change.gain) / 2, -np.inf)
+        likelihoods = np.cumsum(np.exp(log_likelihoods))
+        onset = float(times[np.searchsorted(likelihoods, 0.5 * likelihoods[-1])])  # the median
+        earliest, latest = self._possible_onsets(change)
+        names = tuple(self.names[joint] for joint in candidate.hypothesis.joints)
+        description = describe(candidate.hypothesis.kind, names, change.sizes, self.link)
+        sentence = f"{description}, since {onset:.4g} s (between {earliest:.4g} and {latest:.4g} s)"
+        kind = candidate.hypothesis.kind
+        return Fault(kind, names, onset, (earliest, latest), candidate.gain, change.p_value, sentence)
+
+
+def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:
+    """The Fault of a contact; joint_names: of the robot."""
+    names = tuple(joint_names[joint] for joint in contact.joints)
+    where = " at rest" if contact.at_rest else ""
+    sentence = (
+        f"external contact{where} from {contact.start:.4g} to {contact.end:.4g} s, which loads {', '.join(names)}"
+    )
+    return Fault("contact", names, contact.start, contact.between, contact.evidence, 0.0, sentence)
+
+
+def _rms(values: Array, counts: BoolArray) -> Array:
+    """RMS (n,) of the values (N, n) that count."""
+    squares = np.where(counts, values, 0) ** 2
+    rms: Array = np.sqrt(squares.sum(axis=0) / np.maximum(1, counts.sum(axis=0)))
+    return rms
