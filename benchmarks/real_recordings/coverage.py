@@ -24,6 +24,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from folders import find_recordings
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.array_types import Array
@@ -49,13 +50,6 @@ DEVIATIONS: dict[str, DeviationFunction] = {
     "within run": lambda fit: fit.standard_deviations,
     "stated": lambda fit: fit.deviations_between_runs,
 }
-
-
-def find_recordings(folder: Path) -> list[Path]:
-    """CSV files, bags and folders of bags in a folder; the folder itself if it is one recording."""
-    tables = sorted(folder.glob("*.csv"))
-    bags = sorted({path.parent for path in folder.glob("*/metadata.yaml")})
-    return [*tables, *bags] or [folder]
 
 
 def fit_runs(arguments: argparse.Namespace) -> Iterator[tuple[str, Fit]]:
