@@ -224,6 +224,7 @@ def sayable(robot):
         driven = joint.actuated and joint.mimic is None
         spring = None if driven or joint.spring is None else Spring(joint.spring.stiffness)
         changes = {"mimic": None, "actuated": driven, "spring": spring, "limits": Limits(), "initial_position": 0.0}
+        changes |= {"viscous_asymmetry": 0.0, "coulomb_asymmetry": 0.0, "stribeck_friction": 0.0}
         joints.append(replace(joint, **changes))
     return replace(robot, joints=tuple(joints), loops=tuple(loop for loop in robot.loops if not loop.is_spherical))
 
