@@ -39,7 +39,7 @@ from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.recording import open_recording
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
-KINDS = ("payload", "friction", "gain", "swapped", "sign", "delay", "contact", "offset")
+KINDS = ("payload", "friction", "gain", "swapped", "sign", "delay", "contact", "offset", "missing")
 PAYLOAD = Inertia.about_centre_of_mass(1.0, np.diag([0.001, 0.001, 0.001]), [0.0, 0.0, 0.05])
 GAIN = 1.1
 DELAY = 0.03  # [s]
@@ -47,6 +47,7 @@ OFFSET = 0.05  # [rad or m]
 PUSH = 30.0  # [N]
 PUSH_DURATION = 1.0  # [s]
 FRICTION_SHARE = 0.015  # of the effort limit: least step of Coulomb friction
+LOSS = 0.2  # part of the rows
 MARGIN = 3.0  # [s] of motion before and after an onset
 
 
@@ -126,7 +127,7 @@ def add_fault(
     after = signals.times >= onset
     first, second = rng.choice(len(names), 2, replace=False)
     joints = {names[first], names[second]} if kind == "swapped" else {names[first]}
-    if kind in ("payload", "contact", "delay"):
+    if kind in ("payload", "contact", "delay", "missing"):
         joints = set()
     link = Evidence(predictor).link
     if kind == "payload":
@@ -155,7 +156,8 @@ def add_fault(
         efforts[after] = np.stack(delayed, axis=1)[after]
     if kind == "offset":
         offsets[after, first] = OFFSET
-    return [_replace(signals, row, efforts[row], offsets[row]) for row in range(len(efforts))], joints
+    kept = ~after | (rng.random(len(after)) >= LOSS) if kind == "missing" else np.ones(len(after), dtype=bool)
+    return [_replace(signals, row, efforts[row], offsets[row]) for row in np.flatnonzero(kept).tolist()], joints
 
 
 def _push_efforts(dynamics: Dynamics, q: Array, link: str, wrench: Array) -> Array:

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.fault_signals import FaultSignals
     from robot_dynamics.model.joint import Joint
 
-FaultKind: TypeAlias = Literal["payload", "friction", "gain", "offset", "swapped", "sign", "delay", "contact"]
+FaultKind: TypeAlias = Literal[
+    "payload", "friction", "gain", "offset", "swapped", "sign", "delay", "contact", "missing"
+]
 
 MAX_PAYLOAD_DISTANCE = 0.3  # [m] of the centre of mass of a payload from its frame
 MIN_GAIN_CHANGE, MAX_GAIN_CHANGE = -0.95, 4.0  # of a drive, as a part of its gain

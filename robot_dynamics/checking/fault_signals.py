@@ -21,7 +21,7 @@ MIN_NOISE_RATIO = 1e-3  # of the spread of a joint's efforts
 RESPONSE_DURATION = 0.4  # [s] before and after a prediction over which joints may respond to it
 RESPONSE_SAMPLES = 6  # samples of the response on each side
 SLOW_RATIO = 0.3  # of the typical speed: below it friction may be another (Stribeck)
-FIXED_ROWS = 10  # rows of samples before those of encoder offsets
+FIXED_ROWS = 11  # rows of samples before those of encoder offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,7 @@ class FaultSignals:
         that are larger by 1 rad or 1 m.
     valid : (N, n) samples that count: far from ends and gaps, of a joint that moves.
     resting : (N, n) samples of a joint that rests, far from its motion, ends and gaps.
+    recorded : (N,) mean number of rows that were recorded in each step of the recording.
     """
 
     times: Array
@@ -54,6 +55,7 @@ class FaultSignals:
     offset_efforts: Array
     valid: BoolArray
     resting: BoolArray
+    recorded: Array
 
     @classmethod
     def from_rows(cls, rows: Array, cutoff: float) -> FaultSignals:
@@ -61,16 +63,16 @@ class FaultSignals:
 
         Parameters
         ----------
-        rows : (10 + n, N, n) times, whether joints move, measured efforts, predicted efforts, signs of velocities,
-            velocities, four payload efforts, and the n effects of encoder offsets. Measured efforts are not filtered:
-            that would blur the onset of a fault.
+        rows : (11 + n, N, n) times, whether joints move, rows recorded in each step, measured efforts, predicted
+            efforts, signs of velocities, velocities, four payload efforts, and the n effects of encoder offsets.
+            Measured efforts are not filtered: that would blur the onset of a fault.
         cutoff : cut-off frequency of the motion [Hz].
         """
         times = rows[0, :, 0]
         moves = rows[1] > 1 - 1e-9
         rests = rows[1] < 1e-9
-        measured = rows[2]
-        predictors = rows[3:]
+        measured = rows[3]
+        predictors = rows[4:]
         step = float(np.median(np.diff(times)))
         band = SMOOTHING_RATIO * cutoff
         if band * step < MAX_SMOOTHING_BAND:
@@ -91,6 +93,7 @@ class FaultSignals:
             offset_efforts=np.stack(list(predictors[7:]), axis=-1),
             valid=inside & moves,
             resting=inside & _far_from_motion(rests, step),
+            recorded=rows[2].max(axis=1),
         )
 
     @property

@@ -11,9 +11,11 @@ from robot_dynamics.checking.block_averages import BlockAverages
 from robot_dynamics.checking.contacts import find_contact_at_rest
 from robot_dynamics.checking.fault_search import FaultSearch, name_contact
 from robot_dynamics.checking.fault_signals import FIXED_ROWS, FaultSignals
+from robot_dynamics.checking.recording_faults import Gap, fault_of_jump, find_missing_rows
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.robot import attach_payload
+from robot_dynamics.recordings.joint_motions import EDGE_PERIODS
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.fault_search import Fault
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.position_jumps import PositionJump
 
 MAX_SAMPLES = 40_000  # kept in memory; longer recordings are averaged over blocks
 MAX_VALUES = 20_000_000  # kept in memory, of all signals
@@ -50,11 +53,17 @@ class Evidence:
         self._masses = robot.links[robot.frame(self.link).link].inertia.mass, moving_mass
         self._averages: BlockAverages | None = None  # of rows for FaultSignals
         self._cutoff = 0.0
+        self._jumps: list[PositionJump] = []
+        self._end: float | None = None  # of the last motion
+        self._longest_gap: Gap | None = None
         self._has_efforts = np.ones(len(self.names), dtype=bool)
 
     def add(self, motion: Motion, predicted: Array, origin: int = 0) -> None:
         """Add a motion and its predicted efforts (N, n); origin is not used (the interface of `PieceCallback`)."""
         n = len(self.names)
+        self._note_gap(motion)
+        if motion.jump is not None:
+            self._jumps.append(motion.jump)
         if self._averages is None:
             stride = max(1, int(motion.rate / (SAMPLES_PER_PERIOD * motion.cutoff)))
             max_rows = min(MAX_SAMPLES, MAX_VALUES // (n * (FIXED_ROWS + n)) // 2 * 2)
@@ -65,8 +74,19 @@ class Evidence:
         offset_efforts = [self._offset_effect(motion, predicted, joint) for joint in range(n)]
         times = np.broadcast_to(motion.times[:, None], predicted.shape)
         signs = np.sign(motion.qd)
-        rows = [times, motion.moving, motion.unfiltered_efforts, predicted, signs, motion.qd]
+        recorded = np.ones(len(motion)) if motion.recorded is None else motion.recorded
+        counts = np.broadcast_to(recorded[:, None], predicted.shape)
+        rows = [times, motion.moving, counts, motion.unfiltered_efforts, predicted, signs, motion.qd]
         self._averages.add(np.stack([*rows, *payload_efforts, *offset_efforts]))
+
+    def _note_gap(self, motion: Motion) -> None:
+        """Keep the gap before a motion if it is the longest; the filter leaves out an edge at each side."""
+        edge = EDGE_PERIODS / motion.cutoff
+        if self._end is not None:
+            gap = Gap(self._end + edge, motion.time - self._end - 2 * edge)
+            if self._longest_gap is None or gap.duration > self._longest_gap.duration:
+                self._longest_gap = gap
+        self._end = motion.end
 
     def _offset_effect(self, motion: Motion, predicted: Array, joint: int) -> Array:
         """Change of residuals (N, n) for each rad or m by which positions of a joint are recorded too large.
@@ -88,6 +108,11 @@ class Evidence:
         signals = self.signals()
         if signals is None:
             return None
+        faults = (fault_of_jump(jump, self.names, signals.step) for jump in self._jumps)
+        fault = next((each for each in faults if each is not None), None)
+        fault = fault or find_missing_rows(signals, self._longest_gap)
+        if fault is not None:
+            return fault
         search = self.search()
         fault = None if search is None else search.fault()
         if fault is not None:

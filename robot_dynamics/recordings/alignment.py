@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.recordings.joint_samples import JointSample
     from robot_dynamics.recordings.message_layouts import JointNumbers
+    from robot_dynamics.recordings.position_jumps import PositionJump
     from robot_dynamics.recordings.sample_bands import (
         Band,
         Interval,
@@ -50,6 +51,8 @@ class SignalSegment:
     rate : samples per second.
     position, velocity, effort : (N, k); columns of velocity and effort are nan where they were not measured.
     is_continuation : whether the segment begins where the segment before it ended.
+    jump : jump of the positions before the first sample; None where there is none.
+    recorded : (N,) number of samples that were recorded in each step of the grid; None where it is not known.
     """
 
     time: float
@@ -58,6 +61,8 @@ class SignalSegment:
     velocity: Array
     effort: Array
     is_continuation: bool
+    jump: PositionJump | None = None
+    recorded: Array | None = None
 
     def __len__(self) -> int:
         return len(self.position)
@@ -241,7 +246,10 @@ class Resampler:
                 columns[:, band.joints] = interpolate_on_grid(band.times[rows], values[rows], grid)
         self._end = grid[-1]
         position, velocity, effort = signals
-        return SignalSegment(float(first), 1 / step, position, velocity, effort, is_continuation)
+        densest = max(bands, key=lambda band: len(band.times))
+        edges = np.r_[grid - 0.5 * step, grid[-1] + 0.5 * step]
+        recorded = np.diff(np.searchsorted(densest.times, edges)).astype(float)
+        return SignalSegment(float(first), 1 / step, position, velocity, effort, is_continuation, recorded=recorded)
 
     def _keep_overlap(self, bands: list[Band], limit: float) -> None:
         """Keep only the rows that the interpolation of the next samples needs."""

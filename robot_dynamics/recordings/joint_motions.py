@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.recordings.odometry import concatenate_bases, filter_base_motion, slice_base
+from robot_dynamics.recordings.position_jumps import split_at_jumps
 from robot_dynamics.recordings.rest import moving_samples
 from robot_dynamics.recordings.signals import choose_cutoff, differentiate, filter_margin, lowpass
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from robot_dynamics.inputs import Base
     from robot_dynamics.recordings.alignment import SignalSegment
     from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.position_jumps import PositionJump
     from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 EDGE_PERIODS = 1.0  # periods of the cut-off at each end of a segment, where the filter has data on one side only
@@ -39,6 +41,8 @@ class Motion:
     has_efforts : (n,) whether the efforts of a joint were measured.
     moving : (N, n) whether a joint moves; where it does not, friction holds any effort within an interval.
     base : motion of the base with accelerations, N samples; None where it was not recorded.
+    recorded : (N,) number of samples that were recorded in each step; None where it is not known.
+    jump : jump of the positions of the joints before the first sample; None where there is none.
     """
 
     time: float
@@ -52,6 +56,8 @@ class Motion:
     has_efforts: BoolArray
     moving: BoolArray
     base: Base | None = None
+    recorded: Array | None = None
+    jump: PositionJump | None = None
 
     def __len__(self) -> int:
         return len(self.q)
@@ -79,6 +85,7 @@ class Motion:
             has_efforts=self.has_efforts & other.has_efforts,
             moving=np.concatenate([self.moving, other.moving]),
             base=concatenate_bases(self.base, other.base),
+            recorded=_concatenate(self.recorded, other.recorded),
         )
 
     def slice_samples(self, begin: int, end: int) -> Motion:
@@ -94,7 +101,14 @@ class Motion:
             unfiltered_efforts=self.unfiltered_efforts[rows],
             moving=self.moving[rows],
             base=slice_base(self.base, rows),
+            recorded=None if self.recorded is None else self.recorded[rows],
+            jump=self.jump if begin == 0 else None,
         )
+
+
+def _concatenate(first: Array | None, second: Array | None) -> Array | None:
+    """Both arrays; None where one of them is not known."""
+    return None if first is None or second is None else np.concatenate([first, second])
 
 
 def filter_motions(
@@ -153,6 +167,13 @@ class MotionFilter:
 
     def feed(self, segment: SignalSegment) -> Iterator[Motion]:
         """Yield the motions that are complete with this segment."""
+        for part in split_at_jumps(segment, len(self._drives.names)):
+            yield from self._feed_part(part)
+
+    def _feed_part(self, segment: SignalSegment) -> Iterator[Motion]:
+        """Yield the motions that are complete with a segment without jumps."""
+        if segment.jump is not None:
+            self._statistics.counts["position_jumps"] += 1
         if not segment.is_continuation:
             yield from self.flush()
         if self._pending is None:
@@ -182,18 +203,22 @@ class _PendingSignals:
         self._skipped = self._edge  # samples of `_signals` that are returned already, or never
         # (3, N, k) positions, velocities, efforts: motors, then the base where it was recorded
         self._signals = np.zeros((3, 0, segment.position.shape[1]))
+        self._recorded: Array | None = np.zeros(0)
+        self._jump = None if segment.jump is None else _jump_of_joints(segment.jump, drives)  # not returned yet
 
     def feed(self, segment: SignalSegment, statistics: SampleStatistics) -> Iterator[Motion]:
         """Append a segment; yield the motion of a piece that is complete."""
         self._note_missing_signals(segment, statistics)
         new = np.stack([segment.position, segment.velocity, segment.effort])
         self._signals = np.concatenate([self._signals, new], axis=1)
+        self._recorded = _concatenate(self._recorded, segment.recorded)
         size = self._signals.shape[1]
         if size >= self._piece_size:
             yield self._filter_samples(size - self._margin)
             first_kept = size - 2 * self._margin
             self._time += first_kept / self._rate
             self._signals = self._signals[:, first_kept:]
+            self._recorded = None if self._recorded is None else self._recorded[first_kept:]
             self._skipped = self._margin
 
     def _note_missing_signals(self, segment: SignalSegment, statistics: SampleStatistics) -> None:
@@ -231,6 +256,8 @@ class _PendingSignals:
         base = None
         if self._signals.shape[2] > k:
             base = slice_base(filter_base_motion(self._signals[0, :, k:], self._rate, self._cutoff), rows)
+        jump = self._jump
+        self._jump = None
         return Motion(
             time=self._time + self._skipped / self._rate,
             rate=self._rate,
@@ -243,4 +270,12 @@ class _PendingSignals:
             has_efforts=has_efforts,
             moving=moving_samples(filtered_q, self._rate, self._cutoff)[rows],
             base=base,
+            recorded=None if self._recorded is None else self._recorded[rows],
+            jump=jump,
         )
+
+
+def _jump_of_joints(jump: PositionJump, drives: Drives) -> PositionJump:
+    """The jump of the joints for a jump of the motors."""
+    inverse = np.linalg.inv(drives.ratios)
+    return replace(jump, sizes=inverse @ jump.sizes, velocities=inverse @ jump.velocities)

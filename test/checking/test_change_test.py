@@ -39,6 +39,7 @@ def signals():
         offset_efforts=np.zeros((N, 2, 2)),
         valid=valid,
         resting=~valid,
+        recorded=np.ones(N),
     )
 
 
@@ -88,6 +89,7 @@ def test_a_bump_is_not_as_significant_as_a_lasting_change_of_equal_gain(signals)
         },
         times=STEP * np.arange(10 * N),
         valid=np.ones((10 * N, 2), dtype=bool),
+        recorded=np.ones(10 * N),
         residuals=rng.normal(size=(10 * N, 2)),
     )
     whitening = WhiteningFilter(np.array([[1.0, 0.0], [1.0, 0.0]]), np.ones(2), long.valid)
