@@ -101,8 +101,12 @@ def test_invalid_messages_are_reported_and_commands_time_out(start):
         ("external_wrench", wrench_on("tool0", [np.inf] * 6), "finite numbers are needed"),
         (f"{node.name.rpartition('/')[0]}/cmd_vel", Twist(), "this one is fixed"),
     ):
-        node.publish(topic, message)
-        node.wait_until(lambda reason=reason: node.has_diagnostic(reason), reason)
+
+        def is_refused(topic=topic, message=message, reason=reason):
+            node.publish(topic, message)  # again, until the node has discovered the publisher
+            return node.has_diagnostic(reason)
+
+        node.wait_until(is_refused, reason)
     node.send_efforts([1.0, 2.0])
     node.wait_until(lambda: node.has_diagnostic("commands has 2 values: 6 are needed"), "a refusal")
     assert all(np.all(np.array(state.effort) == 0) for state in node.joint_states)
