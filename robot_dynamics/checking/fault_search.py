@@ -51,8 +51,9 @@ class Fault:
     joints : names of the joints; empty for a payload, a delay and a contact, which concern all.
     onset : most likely beginning [s].
     between : earliest and latest possible beginning [s].
-    gain : increase of the logarithm of the likelihood of the residuals.
-    p_value : probability of evidence as strong without fault, for one kind of fault.
+    gain : increase of the logarithm of the likelihood of the residuals; None for contacts, and for faults that
+        positions or stamps show.
+    p_value : probability of evidence as strong without fault, for one kind of fault; None as for gain.
     sentence : description of the fault.
     """
 
@@ -60,8 +61,8 @@ class Fault:
     joints: tuple[str, ...]
     onset: float
     between: tuple[float, float]
-    gain: float
-    p_value: float
+    gain: float | None
+    p_value: float | None
     sentence: str
 
 
@@ -222,7 +223,7 @@ def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:
     sentence = (
         f"external contact{where} from {contact.start:.4g} to {contact.end:.4g} s, which loads {', '.join(names)}"
     )
-    return Fault("contact", names, contact.start, contact.between, contact.evidence, 0.0, sentence)
+    return Fault("contact", names, contact.start, contact.between, None, None, sentence)
 
 
 def _rms(values: Array, counts: BoolArray) -> Array:

@@ -40,12 +40,12 @@ def fault_of_jump(jump: PositionJump, joint_names: Sequence[str], step: float) -
     if (others <= MAX_OTHER_JUMP * sizes[largest]).all():
         name = joint_names[largest]
         sentence = f"the position of {name} jumps by {jump.sizes[largest]:+.3g} at {jump.time:.4g} s"
-        return Fault("offset", (name,), jump.time, between, float("inf"), 0.0, sentence)
+        return Fault("offset", (name,), jump.time, between, None, None, sentence)
     duration = float(jump.sizes @ jump.velocities / (jump.velocities @ jump.velocities))
     misfit = np.linalg.norm(jump.sizes - duration * jump.velocities)
     if duration > 0 and misfit <= MAX_MISFIT * np.linalg.norm(jump.sizes):
         sentence = f"rows of {duration:.2g} s are missing at {jump.time:.4g} s, where stamps show no gap"
-        return Fault("missing", (), jump.time, between, float("inf"), 0.0, sentence)
+        return Fault("missing", (), jump.time, between, None, None, sentence)
     return None
 
 
@@ -69,7 +69,7 @@ def find_missing_rows(signals: FaultSignals, longest_gap: Gap | None) -> Fault |
         return lower_rate
     start, duration = longest_gap
     sentence = f"no rows are recorded from {start:.4g} to {start + duration:.4g} s"
-    return Fault("missing", (), start, (start - signals.step, start + signals.step), float("inf"), 0.0, sentence)
+    return Fault("missing", (), start, (start - signals.step, start + signals.step), None, None, sentence)
 
 
 def _find_lower_rate(times: Array, recorded: Array) -> Fault | None:
@@ -100,4 +100,4 @@ def _find_lower_rate(times: Array, recorded: Array) -> Fault | None:
     onset = float(times[row])
     between = float(times[near.start]), float(times[near.stop - 1])
     sentence = f"{100 * loss:.2g} % of the rows are missing, since {onset:.4g} s"
-    return Fault("missing", (), onset, between, float("inf"), 0.0, sentence)
+    return Fault("missing", (), onset, between, None, None, sentence)

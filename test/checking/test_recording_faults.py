@@ -1,5 +1,7 @@
 """Faults of a recording itself are named and dated: encoders that jump, and rows that are missing."""
 
+import json
+
 import numpy as np
 import pytest
 from peers.recorded import panda_motion
@@ -56,6 +58,7 @@ def test_encoder_that_jumps_is_named(predictor, samples):
     fault = find_fault(predictor, times, q, qd, efforts)
     assert (fault.kind, fault.joints) == ("offset", ("panda_joint7",))
     assert fault.onset == pytest.approx(13.0, abs=0.05) and fault.between[0] <= 13.0 <= fault.between[1]
+    assert json.loads(json.dumps(vars(fault), allow_nan=False))["gain"] is None  # JSON has no infinite numbers
 
 
 @pytest.mark.parametrize("part", [0.1, 0.3])
