@@ -46,14 +46,12 @@ class Change:
     row : sample with the largest gain.
     sizes : (a,) sizes for this onset.
     effect : (N, n) effect on the residuals for this onset [N m or N].
-    p_value : probability of evidence as strong, if errors of the model of independent blocks were its cause.
     """
 
     gains: Array
     row: int
     sizes: Array
     effect: Array
-    p_value: float
 
     @property
     def gain(self) -> float:
@@ -85,7 +83,7 @@ class ChangeTest:
         self.model_errors = np.zeros_like(residuals)
         self.white_residuals = np.zeros_like(residuals)  # without model errors
         for joint in range(residuals.shape[1]):
-            columns, free = signals.model_error_columns(joint)
+            columns, free = signals.model_error_columns[joint]
             white_columns = whitening(columns[:, None], [joint])[:, 0]
             lengths = np.linalg.norm(white_columns, axis=0) + 1e-12
             white_columns = white_columns / lengths
@@ -119,8 +117,7 @@ class ChangeTest:
         row = int(np.argmax(gains))
         effect = np.zeros_like(self.white_residuals)
         effect[row:, joints] = columns[row:] @ sizes[row]
-        p_value = self._p_value(columns, joints, row, sizes[row], is_constant_error)
-        return Change(gains, row, sizes[row], effect, p_value)
+        return Change(gains, row, sizes[row], effect)
 
     def _normal_equations(self, columns: Array, joints: list[int], is_constant_error: bool) -> tuple[Array, Array]:
         """squares (N, a, a) and products (N, a) of a change that begins at each sample, without model errors."""
@@ -166,23 +163,25 @@ class ChangeTest:
             remaining[:, index] -= error_columns @ (self._inverses[joint] @ (error_columns.T @ white[:, index]))
         return remaining
 
-    def _p_value(self, columns: Array, joints: list[int], row: int, sizes: Array, is_constant_error: bool) -> float:
-        """Probability of the evidence for sizes (a,) of a change at a row, from its scatter between blocks."""
-        white = self.whitening(columns, joints)
-        white[: row + self.whitening.order] = 0  # without the step at the onset, which one block has alone
-        white = self._without_model_errors(white, joints)
+    def p_value(self, change: Change, columns: Array, joints: list[int], *, is_constant_error: bool) -> float:
+        """Probability of evidence as strong for a change, if errors of the model of independent blocks were its cause.
+
+        columns, joints, is_constant_error: as for `fit`, which returned the change.
+        """
+        sizes = change.sizes
+        begun = self.whitening(columns, joints)
+        everywhere = self._without_model_errors(begun, joints)
+        begun[: change.row + self.whitening.order] = 0  # without the step at the onset, which one block has alone
+        white = self._without_model_errors(begun, joints)
         residuals = self.white_residuals[:, joints]
         if is_constant_error:
-            constant = self._without_model_errors(self.whitening(columns, joints), joints)
-            squares = np.einsum("tja,tjb->ab", constant, constant)
+            squares = np.einsum("tja,tjb->ab", everywhere, everywhere)
             inverse = np.linalg.inv(squares + (ROUNDING * np.trace(squares) + 1e-12) * np.eye(len(squares)))
-            white = white - constant @ (inverse @ np.einsum("tja,tjb->ab", constant, white))
-            residuals = residuals - constant @ (inverse @ np.einsum("tja,tj->a", constant, residuals))
+            white = white - everywhere @ (inverse @ np.einsum("tja,tjb->ab", everywhere, white))
+            residuals = residuals - everywhere @ (inverse @ np.einsum("tja,tj->a", everywhere, residuals))
         unexplained = residuals - white @ sizes
-        everywhere = self._without_model_errors(self.whitening(columns, joints), joints)
         times = self.signals.times
-        starts = np.searchsorted(times, np.arange(times[0], times[-1], BLOCK_DURATION))
-        starts = np.unique(starts)
+        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], BLOCK_DURATION)))
         scores = np.add.reduceat(np.einsum("tja,tj->ta", everywhere, unexplained), starts, axis=0)
         all_information = np.add.reduceat(np.einsum("tja,tja->t", everywhere, everywhere), starts)
         information = np.add.reduceat(np.einsum("tja,tja->t", white, white), starts)

@@ -75,12 +75,14 @@ class Candidate:
     hypothesis : kind and joints.
     change : its size and onset.
     gain : increase of the logarithm of the likelihood.
+    p_value : probability of evidence as strong without fault.
     effect_ratio : largest RMS of its effect on a joint after the onset, relative to the RMS of residuals without it.
     """
 
     hypothesis: FaultHypothesis
     change: Change
     gain: float
+    p_value: float
     effect_ratio: float
 
 
@@ -117,11 +119,9 @@ class FaultSearch:
         test = ChangeTest(signals, whitening, signals.residuals)
         self.contact = find_contact_in_motion(test)
         hypotheses = list(fault_hypotheses(signals, joints, *masses))
-        gains = [self._fit(test, hypothesis).gain for hypothesis in hypotheses]
-        best = sorted(range(len(gains)), key=lambda index: -gains[index])[:CANDIDATES]
-        self.candidates = sorted(
-            (self._candidate(hypotheses[index], test) for index in best), key=lambda each: -each.gain
-        )
+        fits = [(hypothesis, self._fit(test, hypothesis)) for hypothesis in hypotheses]
+        best = sorted(fits, key=lambda each: -each[1].gain)[:CANDIDATES]
+        self.candidates = sorted((self._candidate(*each) for each in best), key=lambda each: -each.gain)
 
     def _fit(self, test: ChangeTest, hypothesis: FaultHypothesis) -> Change:
         return test.fit(
@@ -142,19 +142,25 @@ class FaultSearch:
             errors = ChangeTest(signals, whitening, residuals).model_errors
         return WhiteningFilter.fit(residuals - errors, signals.valid, signals.min_noise), errors
 
-    def _candidate(self, hypothesis: FaultHypothesis, test: ChangeTest) -> Candidate:
-        """The candidate of a hypothesis, with the noise fitted to the residuals without its effect."""
+    def _candidate(self, hypothesis: FaultHypothesis, change: Change) -> Candidate:
+        """The candidate of a hypothesis and its first fit; the noise is fitted to the residuals without its effect."""
         signals = self.signals
-        change = self._fit(test, hypothesis)
         for _ in range(ITERATIONS):
             whitening, errors = self._fit_noise(change.effect)
-            change = self._fit(ChangeTest(signals, whitening, signals.residuals), hypothesis)
+            test = ChangeTest(signals, whitening, signals.residuals)
+            change = self._fit(test, hypothesis)
+        p_value = test.p_value(
+            change,
+            hypothesis.columns,
+            list(hypothesis.affected),
+            is_constant_error=hypothesis.kind in CONSTANT_ERRORS,
+        )
         whitening, errors = self._fit_noise(change.effect)
         gain = whitening.log_likelihood - self._sound_log_likelihood
         after = np.arange(len(signals.times)) >= change.row
         effect = _rms(change.effect, signals.valid & after[:, None])
         unexplained = _rms(signals.residuals - errors - change.effect, signals.valid)
-        return Candidate(hypothesis, change, gain, float((effect / np.maximum(unexplained, 1e-300)).max()))
+        return Candidate(hypothesis, change, gain, p_value, float((effect / np.maximum(unexplained, 1e-300)).max()))
 
     def fault(self) -> Fault | None:
         """The most likely fault; None where a sound robot explains the residuals."""
@@ -173,7 +179,7 @@ class FaultSearch:
         """Whether no sound robot shows such evidence."""
         return (
             self._is_large(candidate)
-            and candidate.change.p_value <= MAX_P_VALUE
+            and candidate.p_value <= MAX_P_VALUE
             and self._onset_interval(candidate.change) <= MAX_ONSET_INTERVAL * self._duration
         )
 
@@ -213,7 +219,7 @@ class FaultSearch:
         description = describe(candidate.hypothesis.kind, names, change.sizes, self.link)
         sentence = f"{description}, since {onset:.4g} s (between {earliest:.4g} and {latest:.4g} s)"
         kind = candidate.hypothesis.kind
-        return Fault(kind, names, onset, (earliest, latest), candidate.gain, change.p_value, sentence)
+        return Fault(kind, names, onset, (earliest, latest), candidate.gain, candidate.p_value, sentence)
 
 
 def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:

@@ -114,7 +114,12 @@ class FaultSignals:
         rates: Array = np.gradient(efforts, self.step, axis=0)
         return rates
 
-    def model_error_columns(self, joint: int) -> tuple[Array, int]:
+    @cached_property
+    def model_error_columns(self) -> list[tuple[Array, int]]:
+        """For each joint: see `_model_error_columns`."""
+        return [self._model_error_columns(joint) for joint in range(self.residuals.shape[1])]
+
+    def _model_error_columns(self, joint: int) -> tuple[Array, int]:
         """Columns (N, K) of which the constant error of the model of a joint is a linear combination.
 
         Returns

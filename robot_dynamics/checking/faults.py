@@ -105,7 +105,7 @@ class Evidence:
         Fault or None
             None where no fault explains enough, or the samples are too few.
         """
-        signals = self.signals()
+        signals = self._signals()
         if signals is None:
             return None
         faults = (fault_of_jump(jump, self.names, signals.step) for jump in self._jumps)
@@ -113,14 +113,14 @@ class Evidence:
         fault = fault or find_missing_rows(signals, self._longest_gap)
         if fault is not None:
             return fault
-        search = self.search()
-        fault = None if search is None else search.fault()
+        if signals.valid.any(axis=1).sum() >= MIN_SAMPLES:
+            fault = FaultSearch(signals, self.names, self._joints, self.link, self._masses).fault()
         if fault is not None:
             return fault
         contact = find_contact_at_rest(signals, self._joints)
         return None if contact is None else name_contact(contact, self.names)
 
-    def signals(self) -> FaultSignals | None:
+    def _signals(self) -> FaultSignals | None:
         """The signals of the recording; None where the samples are too few."""
         if self._averages is None:
             return None
@@ -129,13 +129,6 @@ class Evidence:
             return None
         rows[1:, :, ~self._has_efforts] = 0
         return FaultSignals.from_rows(rows, self._cutoff)
-
-    def search(self) -> FaultSearch | None:
-        """The search for a fault in motion; None where the samples are too few."""
-        signals = self.signals()
-        if signals is None or signals.valid.any(axis=1).sum() < MIN_SAMPLES:
-            return None
-        return FaultSearch(signals, self.names, self._joints, self.link, self._masses)
 
 
 def _last_link_name(robot: Robot) -> str:

@@ -105,19 +105,7 @@ def _joint_table(check: CheckResult) -> str:
 
 def _joint_row(verdict: Verdict) -> str:
     joint = verdict.joint
-    numbers = (
-        joint.rms,
-        verdict.tolerance,
-        joint.normalised,
-        joint.largest,
-        joint.at,
-        joint.bias,
-        joint.correlation,
-        joint.scale,
-        joint.scale_deviation,
-        joint.rms_unfiltered,
-        joint.resting,
-    )
+    numbers = (*verdict.numbers, joint.resting)
     cells = [
         escape(joint.joint),
         _badge(verdict.word.lower()),

@@ -58,6 +58,23 @@ class Verdict:
         return not self.failures and not self.not_judged
 
     @property
+    def numbers(self) -> tuple[float, ...]:
+        """The numbers of a table, from the RMS to the unfiltered RMS."""
+        joint = self.joint
+        return (
+            joint.rms,
+            self.tolerance,
+            joint.normalised,
+            joint.largest,
+            joint.at,
+            joint.bias,
+            joint.correlation,
+            joint.scale,
+            joint.scale_deviation,
+            joint.rms_unfiltered,
+        )
+
+    @property
     def word(self) -> str:
         """The verdict for a table: passed, FAILED or not judged."""
         if self.failed:

@@ -120,19 +120,7 @@ def format_check(result: CheckResult, passed: bool | None = None, sentences: Seq
     rows: list[list[Cell]] = []
     for verdict in result.verdicts:
         joint = verdict.joint
-        numbers = (
-            joint.rms,
-            verdict.tolerance,
-            joint.normalised,
-            joint.largest,
-            joint.at,
-            joint.bias,
-            joint.correlation,
-            joint.scale,
-            joint.scale_deviation,
-            joint.rms_unfiltered,
-            100 * joint.resting or None,
-        )
+        numbers = (*verdict.numbers, 100 * joint.resting or None)
         cells = [_round_finite(number) for number in numbers]
         rows.append([joint.joint, verdict.word, *cells])
     lines.append(format_table(TABLE_HEADER, rows, "Measured minus predicted effort [N m or N]"))

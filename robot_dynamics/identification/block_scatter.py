@@ -19,6 +19,7 @@ from scipy.stats import t as student
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.motion_blocks import MotionBlocks
+    from robot_dynamics.identification.triangular_factors import TriangularFactors
 
 MIN_BLOCKS = 4  # fewer blocks tell next to nothing of the scatter
 MIN_REMAINDER = 1e-8  # least part of the information on a direction that counts as left without a cluster
@@ -43,12 +44,11 @@ def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, va
     (k, k) array
         Covariance of the coefficients of the directions.
     """
+    roots = np.sqrt(weights)[:, None]
     k = directions.shape[1]
     covariance = np.zeros((k, k))
     for factors in blocks.factors:
-        roots = np.sqrt(weights)[:, None]
-        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
-        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        columns, residuals = _weighted_rows(factors, roots, directions, values)
         scores = _score_without_cluster(columns, residuals)
         covariance += scores.T @ scores
     return covariance * _few_blocks_factor(len(blocks))
@@ -64,17 +64,22 @@ def _few_blocks_factor(count: int) -> float:
 
 def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
     """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
+    roots = np.sqrt(weights)[:, None]
     squares: list[Array] = []
     for factors in blocks.factors:
-        roots = np.sqrt(weights)[:, None]
-        columns = roots[..., None] * (factors.triangles[..., :-1] @ directions)
-        residuals = roots * (factors.triangles[..., -1] - factors.triangles[..., :-1] @ values)
+        columns, residuals = _weighted_rows(factors, roots, directions, values)
         k = columns.shape[-1]
         change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
         held_out: Array = (residuals + columns @ change) / roots
         squares.append(np.square(held_out).sum(axis=1))
     total: Array = np.sum(squares, axis=0)
     return total
+
+
+def _weighted_rows(factors: TriangularFactors, roots: Array, directions: Array, values: Array) -> tuple[Array, Array]:
+    """Columns (n, rows, k) and residuals (n, rows) of a block, times the roots (n, 1) of the weights of the joints."""
+    X = factors.triangles[..., :-1]
+    return roots[..., None] * (X @ directions), roots * (factors.triangles[..., -1] - X @ values)
 
 
 def _score_without_cluster(A: Array, r: Array) -> Array:

@@ -153,7 +153,7 @@ def fit_parameters(
     sums = samples.accumulate_factors()
     factors, effective_share = require_enough_samples(sums)
     model = samples.model.identification_model
-    efforts = np.linalg.norm(factors.triangles[:, :, -1], axis=1) / np.sqrt(np.maximum(factors.samples, 1))
+    efforts = factors.effort_rms
     prior = build_description_prior(model, efforts)
     weights = 1 / np.maximum(efforts, 1e-6 * efforts.max()) ** 2
     weights = weights if method != "ordinary" else np.full_like(weights, weights.mean())

@@ -57,6 +57,12 @@ class TriangularFactors:
         squares: Array = np.einsum("ij,ij->i", residuals, residuals)
         return squares
 
+    @property
+    def effort_rms(self) -> Array:
+        """RMS (n,) of the efforts."""
+        rms: Array = np.linalg.norm(self.triangles[:, :, -1], axis=1) / np.sqrt(np.maximum(self.samples, 1))
+        return rms
+
     def weighted_system(self, weights: Array) -> tuple[Array, Array]:
         """Return (A, b) of the least squares |A values - b|² of all joints, with weights (n,) of their squares."""
         scaled = self.triangles * np.sqrt(weights)[:, None, None]

@@ -113,7 +113,7 @@ def _jump_at(
         is_jump &= 4 * np.abs(sizes) * (rate / width) ** 2 > MIN_ACCELERATION
         is_jump &= np.abs(after - before) < MAX_VELOCITY_CHANGE * np.abs(sizes) / width
         largest = np.abs(sizes).max()
-        settled = np.abs(steps[first + width] - after) < MAX_RINGING * largest
-        if is_jump.any() and settled.all():
+        has_settled = np.abs(steps[first + width] - after) < MAX_RINGING * largest
+        if is_jump.any() and has_settled.all():
             return width, np.where(np.abs(sizes) > 0.02 * largest, sizes, 0.0), usual * rate
     return None
