@@ -7,7 +7,8 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
-from robot_dynamics.codegen.program_calls import evaluate_model
+from robot_dynamics.codegen.procedure.checked_models import CheckedModels
+from robot_dynamics.codegen.program_calls import evaluate_model, program_key
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError, UnavailableModelError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
@@ -99,6 +100,8 @@ class Dynamics(JointDynamics):
         self.compiled = compiled
         self._programs = CompiledModels(robot)
         super().__init__(robot, ClosureSolver(robot, self._programs if compiled else None))
+        self._checked_models = CheckedModels(robot, self._closure_solver.topology, self._programs)
+        self._attempts = self._checked_models.attempts
 
     def __repr__(self) -> str:
         return f"Dynamics({self.robot!r})"
@@ -157,7 +160,10 @@ class Dynamics(JointDynamics):
         for name in wrenches:
             self.robot.frame(name)
         numbers = None if independent is None else tuple(independent)
-        return self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
+        program = self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
+        if self.compiled and not wrenches and numbers is None:
+            self._checked_models.prepare(model)
+        return program
 
     @cached_property
     def platform(self) -> PlatformDynamics:
@@ -214,4 +220,6 @@ class Dynamics(JointDynamics):
         wrenches = options.get("external_wrenches")
         if not (self.compiled and self.joint_names and isinstance(wrenches, Mapping | None)):
             return recursion()
+        if self._programs.get_ready(*program_key(model, self.robot, None, {})) is not None:
+            self._checked_models.prepare(model)
         return evaluate_model(self._programs, self.robot, model, arguments, options, recursion)

@@ -177,12 +177,12 @@ def vector_width(count: int) -> int:
     return max(2, 1 << (count - 1).bit_length())
 
 
-def sample_function(program: Program, constants: Mapping[int, float]) -> tuple[str, set[int]]:
-    """IR of `@sample(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
+def sample_function(program: Program, constants: Mapping[int, float], name: str = "sample") -> tuple[str, set[int]]:
+    """IR of `@<name>(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
     steps = group_sincos(list_steps(program), MAX_SINCOS_GROUP)
     widths = {vector_width(len(step.operands)) for step in steps if step.operation == SINCOS}
     parts = split_into_parts(steps, MAX_PART_LENGTH)
-    text = _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
+    text = _function(name, "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
     return text, widths
 
 

@@ -70,7 +70,7 @@ class MachineCode:
         from robot_dynamics.codegen.jit.engine import Library, Module
 
         modules = [self._module("evaluate", self._sample_text), Module.from_text(entry_point_text())]
-        library = Library(modules, ["evaluate", "sample", "runtime"])
+        library = Library(modules, ["evaluate", "attempt", "sample", "runtime"])
         addresses = runtime_table()
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
         return library
