@@ -20,6 +20,7 @@ from robot_dynamics.procedures import is_finite, largest, magnitude, procedure, 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.compiled_models import CompiledModels
+    from robot_dynamics.codegen.jit.program_key import ProgramKey
     from robot_dynamics.codegen.procedure.kernels import Kernel
     from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.model.robot import Robot
@@ -58,8 +59,9 @@ class CheckedModels:
         """Compile a checked model in the background, unless that is done already."""
         if model in self._compilations or model not in CHECKED_MODELS or self._robot.moving_base:
             return
+        key = program_key(model, self._robot, None, {})
         compilation = BackgroundCompilation(
-            partial(_compile_attempts, self._robot, self._topology, self._programs, model),
+            partial(_compile_attempts, self._robot, self._topology, self._programs, key),
             0.0,
             f"the checked model {model} of {self._robot.name!r}",
             expected_errors=(SingularModelError, CompilationError),
@@ -68,23 +70,34 @@ class CheckedModels:
         self._compilations[model] = compilation
         compilation.record_time(1.0)
 
+    def compile(self, key: ProgramKey) -> tuple[Attempt, ...]:
+        """The functions that compute a model with a base and external wrenches, compiled now.
+
+        They take the inputs of the program of that key. Empty where nothing compiles. Raises SingularModelError where
+        the model has no solution in any state.
+        """
+        try:
+            return _compile_attempts(self._robot, self._topology, self._programs, key)
+        except CompilationError:
+            return ()
+
 
 def _compile_attempts(
-    robot: Robot, topology: ConstraintTopology, programs: CompiledModels, model: str
+    robot: Robot, topology: ConstraintTopology, programs: CompiledModels, key: ProgramKey
 ) -> tuple[Attempt, ...]:
     """The functions that compute a model: for a robot with loops from positions of all joints, and of the motors."""
     from robot_dynamics.codegen.jit.procedure_code import compile_procedure
     from robot_dynamics.codegen.procedure.kernels import Kernel
     from robot_dynamics.codegen.procedure.procedure_text import ProcedureInterface
 
-    program = programs.get(*program_key(model, robot, None, {}))
+    program = programs.get(*key)
     closure = programs.get("closure") if robot.loops else None
     if not isinstance(program, CompiledProgram) or not isinstance(closure, CompiledProgram | None):
         return ()
     kernels = [Kernel("model", program)]
     if closure is not None:
         kernels.append(Kernel("closure", closure))
-    checked = CheckedModel(topology, *kernels)
+    checked = CheckedModel(key.name, topology, *kernels)
     variants: dict[str, tuple[Callable[..., Any], int]] = {"closed": (checked.evaluate, len(topology.independent))}
     if closure is not None:
         variants = {
@@ -96,8 +109,8 @@ def _compile_attempts(
     attempts = []
     for variant, (function, size) in variants.items():
         interface = ProcedureInterface({"q": size, **dict(other_inputs)}, {name: shape, STATUS: (1,)})
-        key = fingerprint(robot, "checked", model, variant)
-        compiled = compile_procedure(f"{model}_{variant}", function, interface, kernels, key)
+        cache_key = fingerprint(robot, "checked", key, variant)
+        compiled = compile_procedure(f"{key.name}_{variant}", function, interface, kernels, cache_key)
         assert compiled.attempt is not None
         attempts.append(compiled.attempt)
     return tuple(attempts)
@@ -108,6 +121,8 @@ class CheckedModel:
 
     Parameters
     ----------
+    name : str
+        Name of the model.
     topology : ConstraintTopology
     model : Kernel
         With the inputs of the model, positions first.
@@ -115,11 +130,14 @@ class CheckedModel:
         The model `closure` of a robot with loops.
     """
 
-    def __init__(self, topology: ConstraintTopology, model: Kernel, closure: Kernel | None = None) -> None:
+    def __init__(self, name: str, topology: ConstraintTopology, model: Kernel, closure: Kernel | None = None) -> None:
         self._model = model
         self._outputs = [name for name, _ in model.interface.outputs]
         joints = [topology.robot.joints[number] for number in topology.independent]
-        self._unactuated = [column for column, joint in enumerate(joints) if not joint.actuated]
+        # columns of accelerations or efforts, which unactuated joints do not take
+        self._refused: list[int] = []
+        if name in ("inverse", "direct"):
+            self._refused = [column for column, joint in enumerate(joints) if not joint.actuated]
         self._closure: Any = None if closure is None else SampleClosure(topology, closure)
 
     @procedure
@@ -134,9 +152,8 @@ class CheckedModel:
         if self._outputs[-1] == "diagonal":
             margin = largest(MIN_INERTIA_RATIO * magnitude(results[-1]) - results[-2])
             is_valid = is_valid & (margin < 0)
-        if len(others) == 2:  # accelerations or efforts, which unactuated joints do not take
-            for column in self._unactuated:
-                is_valid = is_valid & (others[1][column] == 0)
+        for column in self._refused:
+            is_valid = is_valid & (others[1][column] == 0)
         return results[0], np.array([select(is_valid, 0.0, 1.0)])
 
     @procedure
