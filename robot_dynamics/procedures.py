@@ -37,6 +37,9 @@ class Stage(Protocol):
     def zeros(self, shape: tuple[int, ...]) -> Any:
         """An array of zeros whose entries can be assigned."""
 
+    def copy(self, values: Any) -> Any:
+        """A copy of an array whose entries can be assigned."""
+
     def select(self, condition: Any, chosen: Any, otherwise: Any) -> Any:
         """`chosen` where the condition holds, else `otherwise`."""
 
@@ -95,6 +98,54 @@ def rounded(values: Any) -> Any:
     """Nearest integers as floats, entry by entry; halves to the even one."""
     stage = active_stage.get()
     return np.rint(values) if stage is None else stage.rounded(values)
+
+
+def as_array(values: Any) -> Any:
+    """A copy of an array whose entries the procedure assigns, and reads with counters."""
+    stage = active_stage.get()
+    return np.array(values, dtype=float) if stage is None else stage.copy(values)
+
+
+def solve(matrix: Any, right_side: Any) -> Any:
+    """The solution (n, k) of matrix (n, n) x = right_side (n, k); staged, it is not finite where there is none."""
+    if active_stage.get() is None:
+        return np.linalg.solve(matrix, right_side)
+    return _eliminate(as_array(matrix), as_array(right_side))
+
+
+@procedure
+def _eliminate(rows: Any, solution: Any) -> Any:
+    """`solve` by elimination with row pivots; both arrays are overwritten."""
+    size, columns = solution.shape
+    for k in range(size):
+        pivot = k
+        for i in range(k + 1, size):
+            if magnitude(rows[i, k]) > magnitude(rows[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(size):
+                exchanged = rows[k, j]
+                rows[k, j] = rows[pivot, j]
+                rows[pivot, j] = exchanged
+            for j in range(columns):
+                exchanged = solution[k, j]
+                solution[k, j] = solution[pivot, j]
+                solution[pivot, j] = exchanged
+        reciprocal = 1 / rows[k, k]
+        for i in range(k + 1, size):
+            factor = rows[i, k] * reciprocal
+            for j in range(k + 1, size):
+                rows[i, j] = rows[i, j] - factor * rows[k, j]
+            for j in range(columns):
+                solution[i, j] = solution[i, j] - factor * solution[k, j]
+    for eliminated in range(size):
+        k = size - 1 - eliminated
+        for j in range(columns):
+            remainder = solution[k, j]
+            for i in range(k + 1, size):
+                remainder = remainder - rows[k, i] * solution[i, j]
+            solution[k, j] = remainder / rows[k, k]
+    return solution
 
 
 def is_finite(values: Any) -> Any:

@@ -130,6 +130,18 @@ class SampleClosure:
         return self._topology.S @ t + self._topology.offset
 
     @procedure
+    def project(self, q: Sample) -> Any:
+        """Positions t (m,) that close the loops near q (all joints,), their quality, and whether they are closed."""
+        t, evaluation = self._iterate(q[self._topology.non_mimic_joints], MAX_ITERATIONS, NEWTON_TOLERANCE)
+        return t, self._quality(evaluation), largest(magnitude(evaluation.residual)) <= CLOSURE_TOLERANCE
+
+    @procedure
+    def correction(self, begin: Sample, end: Sample) -> Any:
+        """Largest displacement between positions t (m,) [rad or characteristic lengths], and whether no pitch is steep."""
+        step, is_flat = self._displacement(begin, end)
+        return largest(magnitude(step) / self._topology.column_units), is_flat
+
+    @procedure
     def _iterate(self, t: Sample, iterations: int, tolerance: float) -> Any:
         """Positions (m,) by Newton's method from t (m,), and the NewtonStep there."""
         return iterate_sample(self._evaluate, t, self._advance, self._max_step, iterations, tolerance)
@@ -144,8 +156,13 @@ class SampleClosure:
     @procedure
     def _is_closed(self, evaluation: NewtonStep) -> Any:
         """Whether the loops are closed and determine the dependent joints."""
-        quality = -largest(-(evaluation.pivots / evaluation.squared_norms))
-        return (largest(magnitude(evaluation.residual)) <= CLOSURE_TOLERANCE) & (quality > MIN_QUALITY)
+        is_closed = largest(magnitude(evaluation.residual)) <= CLOSURE_TOLERANCE
+        return is_closed & (self._quality(evaluation) > MIN_QUALITY)
+
+    @procedure
+    def _quality(self, evaluation: NewtonStep) -> Any:
+        """How well the loops determine the dependent joints, as in ClosureResult."""
+        return -largest(-(evaluation.pivots / evaluation.squared_norms))
 
     def _dependent_step(self, step: Sample) -> Any:
         """(m,) displacement of a step (dependent,)."""

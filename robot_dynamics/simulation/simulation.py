@@ -257,9 +257,10 @@ class Simulation:
         inputs = build_step_inputs(
             self._plant, self.base, self.ground is not None, efforts, external_wrenches, drive, motion
         )
-        for _ in range(steps):
+        end = self.state.steps + steps
+        while self.state.steps < end:
             with np.errstate(all="ignore"):  # the integrator raises where numbers are not finite
-                self.state = self._stepping.step(self.state, inputs)
+                self.state = self._stepping.advance(self.state, inputs, end - self.state.steps)
         return self.state
 
     def accelerations(

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robot_dynamics.codegen.procedure.memory import Memory, as_values
-from robot_dynamics.codegen.procedure.slots import make_slot, store_together
+from robot_dynamics.codegen.procedure.slots import copy_memory, make_slot, store_together
 from robot_dynamics.codegen.procedure.symbols import (
     Condition,
     Counter,
@@ -93,6 +93,15 @@ class ProcedureStage:
         memory = Memory(self.text, self.text.allocate(int(np.prod(shape))), tuple(shape))
         if is_cleared:
             self.text.append(f"call void @llvm.memset.p0.i64(ptr {memory.address}, i8 0, i64 {8 * memory.size}, i1 0)")
+        return memory
+
+    def copy(self, values: Any) -> Memory:
+        """A copy of an array in memory."""
+        memory = self.zeros(tuple(values.shape), is_cleared=False)
+        if isinstance(values, Memory):
+            copy_memory(values, memory)
+        else:
+            memory.copy_from(values)
         return memory
 
     def select(self, condition: Any, chosen: Any, otherwise: Any) -> Any:
@@ -356,6 +365,13 @@ class Frame:
         if not isinstance(statement.value, ast.Constant):
             self._evaluate(statement.value)
 
+    def _define(self, statement: ast.FunctionDef) -> None:
+        """A function inside the procedure: without branches on symbols, with the values that names have now."""
+        module = ast.Module([statement], type_ignores=[])
+        namespace = {**self._globals, **self._values}
+        exec(compile(module, self._function.__code__.co_filename, "exec"), namespace)
+        self._values[statement.name] = namespace[statement.name]
+
     def _pass(self, statement: ast.stmt) -> None:
         """Nothing."""
 
@@ -370,6 +386,7 @@ HANDLERS: dict[type[ast.stmt], Callable[[Frame, Any], None]] = {
     ast.Break: Frame._leave_loop,
     ast.Continue: Frame._leave_loop,
     ast.Expr: Frame._expression,
+    ast.FunctionDef: Frame._define,
     ast.Pass: Frame._pass,
 }
 

@@ -161,6 +161,9 @@ class Counter(Symbol):
     def __sub__(self, other: object) -> Counter:
         return self._combine("sub", other)
 
+    def __rsub__(self, other: object) -> Counter:
+        return Counter(self.text, self.text.assign(f"sub i64 {counter_operand(other)}, {self.operand}"))
+
     def __mul__(self, other: object) -> Counter:
         return self._combine("mul", other)
 
