@@ -60,8 +60,8 @@ def tree_rows(name):
         full[:, order] = state
         peer_states.append(full)
     for kind, peer in (("inverse", pin.rnea), ("direct", pin.aba)):
-        program = dynamics.compile(kind)
-        bound = dynamics.bind(kind)
+        program, bound = dynamics.compile(kind), dynamics.bind(kind)
+        getattr(dynamics, kind)(*states[0])
         wait_for_programs()
         theirs = through(lambda *arrays, peer=peer: peer(model, data, *arrays), peer_states)
         method = getattr(dynamics, kind)
@@ -79,9 +79,10 @@ def loop_rows(name):
     closed = dynamics.expand_positions(motors)
     rates = rng.uniform(-1, 1, (STATES, 2, len(start)))
     for kind in ("inverse", "direct"):
-        program = dynamics.compile(kind)
+        program, method = dynamics.compile(kind), getattr(dynamics, kind)
+        dynamics.bind(kind)  # compiles now all that a call needs
+        method(closed[0], *rates[0])
         wait_for_programs()
-        method = getattr(dynamics, kind)
         closed_states = [(q, *state) for q, state in zip(closed, rates, strict=True)]
         motor_states = [(q, *state) for q, state in zip(motors, rates, strict=True)]
         for closed_state, motor_state in zip(closed_states, motor_states, strict=True):

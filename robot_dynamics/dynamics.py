@@ -165,10 +165,7 @@ class Dynamics(JointDynamics):
         for name in wrenches:
             self.robot.frame(name)
         numbers = None if independent is None else tuple(independent)
-        program = self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
-        if self.compiled and not wrenches and numbers is None:
-            self._checked_models.prepare(model)
-        return program
+        return self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
 
     def bind(
         self,
@@ -262,6 +259,7 @@ class Dynamics(JointDynamics):
         wrenches = options.get("external_wrenches")
         if not (self.compiled and self.joint_names and isinstance(wrenches, Mapping | None)):
             return recursion()
-        if self._programs.get_ready(*program_key(model, self.robot, None, {})) is not None:
+        is_one_sample = all(argument.ndim == 1 for argument in arguments.values())
+        if is_one_sample and self._programs.get_ready(*program_key(model, self.robot, None, {})) is not None:
             self._checked_models.prepare(model)
         return evaluate_model(self._programs, self.robot, model, arguments, options, recursion)

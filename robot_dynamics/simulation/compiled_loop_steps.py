@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE, angle_steps
-from robot_dynamics.procedures import largest, magnitude, procedure, select, solve
+from robot_dynamics.procedures import largest, magnitude, procedure, select, solve, zeros
 from robot_dynamics.simulation.branch import MAX_CORRECTION
+from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS
 from robot_dynamics.simulation.constrained_motion import DEGRADATION_RATIO, MAX_TRAVEL, NEAR_SINGULAR_QUALITY
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.runge_kutta import increment
@@ -90,6 +91,31 @@ class CompiledLoopSteps:
                 best = select(quality > best, quality, best)
                 done = done + 1.0
         return q, rates, np.array([done]), np.array([best, quality])
+
+    @procedure
+    def record(self, q: Any, rates: Any, efforts: Any, best_quality: Any, steps: Any) -> Any:
+        """As CompiledSteps.record, with positions and efforts of all joints; best and present quality (2,) follow."""
+        joints = self._joint_count
+        efforts = efforts.reshape(RECORDED_STEPS, joints)
+        positions = zeros(RECORDED_STEPS, joints)
+        velocities = zeros(RECORDED_STEPS, len(self._units))
+        done = 0.0
+        best = best_quality[0]
+        quality = best_quality[0]
+        is_regular: Any = True
+        for k in range(RECORDED_STEPS):
+            if is_regular and done < steps[0]:
+                end_q, end_rates, end_quality, is_regular = self._advance_once(q, rates, efforts[k])
+                is_regular = is_regular & (end_quality >= DEGRADATION_RATIO * best)
+                if is_regular:
+                    q = end_q
+                    rates = end_rates
+                    quality = end_quality
+                    best = select(quality > best, quality, best)
+                    positions[k] = q
+                    velocities[k] = rates
+                    done = done + 1.0
+        return positions, velocities, np.array([done]), np.array([best, quality])
 
     @procedure
     def _advance_once(self, q: Any, rates: Any, efforts: Any) -> Any:

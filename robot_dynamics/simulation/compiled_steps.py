@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.procedures import largest, magnitude, procedure, solve
+from robot_dynamics.procedures import largest, magnitude, procedure, solve, zeros
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.runge_kutta import increment
 from robot_dynamics.simulation.step_integrator import MIN_RATE_SCALE, TOLERANCE
@@ -19,6 +19,9 @@ from robot_dynamics.simulation.step_integrator import MIN_RATE_SCALE, TOLERANCE
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
+
+RECORDED_STEPS = 50
+"""Steps of one call that records all of them."""
 
 
 class CompiledSteps:
@@ -70,6 +73,29 @@ class CompiledSteps:
                 qd = end_qd
                 done = done + 1.0
         return q, qd, np.array([done])
+
+    @procedure
+    def record(self, q: Any, rates: Any, efforts: Any, steps: Any) -> Any:
+        """Positions and velocities (RECORDED_STEPS, n) after each step with its efforts (RECORDED_STEPS n,).
+
+        The number (1,) of steps that were taken follows: at most `steps` (1,), fewer if one fails.
+        """
+        size = len(self._units)
+        efforts = efforts.reshape(RECORDED_STEPS, size)
+        positions = zeros(RECORDED_STEPS, size)
+        velocities = zeros(RECORDED_STEPS, size)
+        done = 0.0
+        is_regular: Any = True
+        for k in range(RECORDED_STEPS):
+            if is_regular and done < steps[0]:
+                end_q, end_rates, is_regular = self._advance_once(q, rates, efforts[k])
+                if is_regular:
+                    q = end_q
+                    rates = end_rates
+                    positions[k] = q
+                    velocities[k] = rates
+                    done = done + 1.0
+        return positions, velocities, np.array([done])
 
     @procedure
     def _advance_once(self, q: Any, qd: Any, efforts: Any) -> Any:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+from robot_dynamics.codegen.jit.procedure_code import compile_procedure
+from robot_dynamics.codegen.procedure.kernels import Kernel
+from robot_dynamics.codegen.procedure.procedure_text import ProcedureInterface
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.constraints.sample_closure import SampleClosure
 from robot_dynamics.errors import CompilationError
 from robot_dynamics.simulation.compiled_loop_steps import CompiledLoopSteps
-from robot_dynamics.simulation.compiled_steps import CompiledSteps
+from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS, CompiledSteps
+from robot_dynamics.simulation.runge_kutta import NODES
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -22,6 +26,8 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.plant import Plant
 
 logger = logging.getLogger(__name__)
+
+StepProcedure: TypeAlias = Literal["advance", "record"]
 
 MAX_STEPS_PER_CALL = 10_000
 """Steps in one call of machine code, some 10 ms: between calls a process reacts to signals."""
@@ -63,12 +69,12 @@ class StepPrograms:
         self._plant = plant
         self._friction = friction
         self._step = step
-        self._programs: dict[tuple[int, ...] | None, CompiledProgram | None] = {}
+        self._programs: dict[tuple[str, tuple[int, ...] | None], CompiledProgram | None] = {}
         # the procedures take friction that does not depend on velocities or loads, and platforms whose angles depend
         # on the loops
         self._is_supported = friction.constant_limits is not None and not friction.viscous_asymmetries.any()
         if plant.loops is None:
-            self._program(None)
+            self.program("advance", None)
 
     def advance(
         self, steps: int, q: Array, rates: Array, efforts: Array, coordinates: LoopCoordinates | None
@@ -90,7 +96,7 @@ class StepPrograms:
         Run or None
             None where no step could be taken: it needs what the machine code does not do.
         """
-        program = self._program(None if coordinates is None else coordinates.independent)
+        program = self.program("advance", None if coordinates is None else coordinates.independent)
         if program is None:
             return None
         arguments = [q, rates, efforts]
@@ -106,39 +112,55 @@ class StepPrograms:
             coordinates = coordinates._replace(best_quality=best_quality, quality=quality)
         return Run(int(done[0]), end_q, end_rates, coordinates)
 
-    def _program(self, independent: tuple[int, ...] | None) -> CompiledProgram | None:
-        """The program for a set of independent joints, compiled now if it is not ready; None where there is none."""
-        if independent not in self._programs:
-            self._programs[independent] = self._compile(independent) if self._is_supported else None
-        return self._programs[independent]
+    def program(self, procedure: StepProcedure, independent: tuple[int, ...] | None) -> CompiledProgram | None:
+        """The program of a procedure of CompiledSteps or CompiledLoopSteps, compiled now if it is not ready.
 
-    def _compile(self, independent: tuple[int, ...] | None) -> CompiledProgram | None:
+        Parameters
+        ----------
+        procedure : {"advance", "record"}
+        independent : tuple of int or None
+            Numbers of the independent joints of a robot with loops; None without loops.
+
+        Returns
+        -------
+        CompiledProgram or None
+            None where nothing compiles, or where the machine code does not support the robot.
+        """
+        key = procedure, independent
+        if key not in self._programs:
+            self._programs[key] = self._compile(procedure, independent) if self._is_supported else None
+        return self._programs[key]
+
+    def _compile(self, procedure: StepProcedure, independent: tuple[int, ...] | None) -> CompiledProgram | None:
         size, joints = self._plant.size, len(self._plant.dynamics.all_joint_names)
         if not size:
             return None
+        positions = size if independent is None else joints
+        inputs = {"q": positions, "rates": size, "efforts": positions, "steps": 1}
+        outputs: dict[str, tuple[int, ...]] = {"q": (positions,), "rates": (size,), "done": (1,)}
+        if procedure == "record":
+            inputs["efforts"] *= RECORDED_STEPS
+            outputs = {"q": (RECORDED_STEPS, positions), "rates": (RECORDED_STEPS, size), "done": (1,)}
         try:
             if independent is None:
                 kernels = self._kernels(None, "direct", "inertia_matrix")
-                inputs = {"q": size, "rates": size, "efforts": size, "steps": 1}
-                outputs: dict[str, tuple[int, ...]] = {"q": (size,), "rates": (size,), "done": (1,)}
-                steps: Callable[..., Any] = self._tree_steps(kernels).advance
+                steps: CompiledSteps | CompiledLoopSteps | None = self._tree_steps(kernels)
             else:
                 kernels = self._kernels(independent, "state_derivative", "inertia_matrix", "closure")
-                inputs = {"q": joints, "rates": size, "efforts": joints, "best_quality": 1, "steps": 1}
-                outputs = {"q": (joints,), "rates": (size,), "done": (1,), "quality": (2,)}
-                loop_steps = self._loop_steps(independent, kernels)
-                if loop_steps is None:
-                    return None
-                steps = loop_steps.advance
-            return self._compile_procedure(steps, kernels, inputs, outputs, independent)
+                steps = self._loop_steps(independent, kernels)
+                del inputs["steps"]
+                inputs |= {"best_quality": 1, "steps": 1}
+                outputs["quality"] = (2,)
+            if steps is None:
+                return None
+            interface = ProcedureInterface(inputs, outputs)
+            return self._compile_procedure(procedure, getattr(steps, procedure), kernels, interface, independent)
         except CompilationError as error:
             logger.debug("steps of %r run as Python: %s", self._plant.dynamics.robot.name, error)
             return None
 
     def _kernels(self, independent: tuple[int, ...] | None, *names: str) -> dict[str, Any]:
         """Kernels of the models of these names. Raises CompilationError where they run as Python."""
-        from robot_dynamics.codegen.procedure.kernels import Kernel  # needs llvmlite
-
         kernels = {}
         for name in names:
             program = self._plant.dynamics.compile(name, independent=independent)  # type: ignore[arg-type]
@@ -168,16 +190,14 @@ class StepPrograms:
 
     def _compile_procedure(
         self,
+        name: str,
         function: Callable[..., Any],
         kernels: Mapping[str, Any],
-        inputs: Mapping[str, int],
-        outputs: Mapping[str, tuple[int, ...]],
+        interface: ProcedureInterface,
         independent: tuple[int, ...] | None,
     ) -> CompiledProgram:
-        from robot_dynamics.codegen.jit.procedure_code import compile_procedure
-        from robot_dynamics.codegen.procedure.procedure_text import ProcedureInterface
-
         friction = self._friction
         constants = [*(friction.constant_limits or ()), friction.viscous_gains, friction.joints]
-        key = fingerprint(self._plant.dynamics.robot, "steps", self._step, independent, constants)
-        return compile_procedure("advance", function, ProcedureInterface(inputs, outputs), [*kernels.values()], key)
+        key = fingerprint(self._plant.dynamics.robot, name, self._step, independent, constants)
+        calls = len(NODES) * (RECORDED_STEPS if name == "record" else 1)
+        return compile_procedure(name, function, interface, [*kernels.values()], key, calls)

@@ -287,7 +287,7 @@ class CompiledProgram:
         strides = (ctypes.c_ssize_t * len(row_bytes))(*row_bytes)
         loop = self.compile_batch()
 
-        useful_threads = int(samples * max(1, sum(self.interface.operations)) / MIN_WORK_PER_THREAD)
+        useful_threads = int(samples * max(1, self._code.work) / MIN_WORK_PER_THREAD)
         threads = max(1, min(threads, useful_threads))
         chunks = threads * CHUNKS_PER_THREAD if threads > 1 else 1
         chunk = -(-samples // (8 * chunks)) * 8  # whole blocks, of 4 or 8 samples

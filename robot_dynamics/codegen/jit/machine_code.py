@@ -51,6 +51,11 @@ class MachineCode:
             return None
         return cls(interface, trace, key)
 
+    @property
+    def work(self) -> float:
+        """Operations of one sample."""
+        return sum(self.interface.operations)
+
     def save_to_cache(self) -> None:
         """Store the interface for the key; libraries are stored when they are compiled."""
         if self._key is not None:

@@ -41,6 +41,14 @@ class ProcedureCode:
         Those that the procedure calls.
     key : str, optional
         Stands in the cache for everything on which the code depends. Default: the code is stored by its own text.
+    kernel_calls : int
+        About how often a call of the procedure calls each kernel: batches are divided among threads by it.
+
+    Attributes
+    ----------
+    interface : Interface
+    work : float
+        Operations of one sample, about.
     """
 
     def __init__(
@@ -50,6 +58,7 @@ class ProcedureCode:
         interface: ProcedureInterface,
         kernels: Sequence[Kernel] = (),
         key: str | None = None,
+        kernel_calls: int = 1,
     ) -> None:
         outputs = tuple((output, tuple(shape)) for output, shape in interface.outputs.items())
         self.interface = Interface(name, dict(interface.inputs), outputs, OperationCount(0, 0, 0, 0, 0, 0))
@@ -57,6 +66,7 @@ class ProcedureCode:
         self._procedure_interface = interface
         self._kernels = kernels
         self._key = key
+        self.work: float = kernel_calls * sum(sum(kernel.interface.operations) for kernel in kernels)
 
     def sample_library(self) -> Library:
         """The Library with `evaluate`, the Python function of one sample."""
@@ -102,12 +112,13 @@ def compile_procedure(
     interface: ProcedureInterface,
     kernels: Sequence[Kernel] = (),
     key: str | None = None,
+    kernel_calls: int = 1,
 ) -> CompiledProgram:
     """Compile a procedure.
 
     Parameters
     ----------
-    name, function, interface, kernels, key
+    name, function, interface, kernels, key, kernel_calls
         See ProcedureCode.
 
     Returns
@@ -121,4 +132,5 @@ def compile_procedure(
     TypeError, ValueError
         The function breaks a rule for procedures.
     """
-    return CompiledProgram(ProcedureCode(name, function, interface, kernels, key))  # type: ignore[arg-type]
+    code = ProcedureCode(name, function, interface, kernels, key, kernel_calls)
+    return CompiledProgram(code)  # type: ignore[arg-type]  # it has what a CompiledProgram uses of MachineCode

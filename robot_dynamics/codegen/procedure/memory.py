@@ -47,6 +47,12 @@ class Memory:
     def __len__(self) -> int:
         return self.shape[0]
 
+    def reshape(self, *shape: int) -> Memory:
+        """The same memory as an array of another shape."""
+        if prod(shape) != self.size:
+            raise ValueError(f"an array of {self.size} entries has no shape {shape}")
+        return Memory(self.text, self.address, shape)
+
     def values(self) -> ScalarArray:
         """All entries, read now."""
         entries: ScalarArray = self._read(np.arange(self.size).reshape(self.shape))

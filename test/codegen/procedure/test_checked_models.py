@@ -17,8 +17,10 @@ ROBOTS = [name for name in shipped_robots() if not load_robot(name).moving_base]
 def ready_dynamics(robot, models=CHECKED_MODELS):
     """Dynamics of which all checked models are compiled."""
     dynamics = Dynamics(robot)
+    q, qd, last = arguments_near_start(dynamics, np.random.default_rng(1))
     for model in models:
-        dynamics.compile(model)
+        dynamics.bind(model)  # compiles the program with pivots, too
+        getattr(dynamics, model)(q, *{"inverse": (qd, last), "direct": (qd, last), "coriolis": (qd,)}.get(model, ()))
     end = time.monotonic() + 60
     while any(thread.name == THREAD_NAME for thread in threading.enumerate()):
         assert time.monotonic() < end
