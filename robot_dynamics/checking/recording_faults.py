@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.position_jumps import PositionJump
 
 MAX_OTHER_JUMP = 0.2  # of the other joints, relative to that of the joint whose encoder jumps
-BLOCK_DURATION = 1.0  # [s] in which recorded samples are counted
+COUNT_DURATION = 1.0  # [s] in which recorded samples are counted
 MIN_BLOCKS = 3  # before and after the beginning of a loss
 MIN_LOSS = 0.05  # part of the rows that are missing
 LOSS_DEVIATIONS = 6.0  # standard deviations of the counts before and after, by which these differ at least
@@ -72,7 +72,7 @@ def find_missing_rows(signals: FaultSignals, longest_gap: Gap | None) -> Fault |
 
 def _find_lower_rate(times: Array, recorded: Array) -> Fault | None:
     """Find the time from which fewer rows are recorded; recorded: (N,) rows in each step."""
-    numbers = np.floor((times - times[0]) / BLOCK_DURATION).astype(int)
+    numbers = np.floor((times - times[0]) / COUNT_DURATION).astype(int)
     starts = np.flatnonzero(np.diff(numbers, prepend=-1))
     counts = np.diff([*starts, len(times)])
     complete = counts > 0.5 * np.median(counts)
