@@ -206,10 +206,13 @@ def identify(
     training_end = 1 - arguments.hold_out
     gains = None
     if arguments.gains:
-        payload_model = PayloadIdentificationModel(robot_model, tuple(dict.fromkeys(payloads.values())), payloads)
+        fitted = {
+            recording.name: payloads[recording.name] for recording in recordings[:count] if recording.name in payloads
+        }
+        payload_model = PayloadIdentificationModel(robot_model, fitted)
         gains = identify_gains(samples_of(recordings[:count], payload_model, end_fraction=training_end))
         recordings = [replace(recording, drives=gains.drives) for recording in recordings]
-        model = gains.model
+        model = gains.model.with_same_payloads(payloads)
     samples = samples_of(recordings[:count], model, end_fraction=training_end)
     validation = None
     if arguments.hold_out:
