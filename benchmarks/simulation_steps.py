@@ -21,10 +21,11 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "test"))
 from inverse_direct import time_both
 from mujoco_loops import MujocoLoops
 
-from robot_dynamics import Simulation, load_robot, shipped_robots
+from robot_dynamics import Simulation, load_robot, shipped_robots, simulate
 
 LOOPED = ("four_bar", "irb460", "gough_stewart")
 STEP = 0.001
+ROLLOUTS = 256
 INTEGRATORS = {"RK4": mujoco.mjtIntegrator.mjINT_RK4, "Euler": mujoco.mjtIntegrator.mjINT_EULER}
 SPEED = 0.1
 """Largest velocity at the start [rad/s or m/s]."""
@@ -37,17 +38,16 @@ def panda():
     return model
 
 
-def rows(name, model, q, efforts, steps):
-    """(label, our call, the peer's call, steps in each) of a robot whose start in MuJoCo is q (nq,)."""
+def rows(name, model, q, steps):
+    """(label, our call, the peer's call, simulations in each) of a robot whose start in MuJoCo is q (nq,)."""
     simulation = Simulation(load_robot(name), step=STEP)
     velocities = np.random.default_rng(0).uniform(-SPEED, SPEED, len(simulation.joint_names))
     simulation.start(velocities=velocities)
-    ours = efforts(simulation)
     model.opt.timestep = STEP
 
     def advance():
         simulation.reset()
-        simulation.advance(steps, efforts=ours)
+        simulation.advance(steps)
 
     data = mujoco.MjData(model)
     start = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
@@ -64,18 +64,49 @@ def rows(name, model, q, efforts, steps):
         def in_one_call():
             rollout.rollout(model, data, start[None], nstep=steps)
 
-        yield f"{name}, beside mj_step, {label}", advance, step_by_step
-        yield f"{name}, beside rollout, {label}", advance, in_one_call
+        yield f"{name}, beside mj_step, {label}", advance, step_by_step, 1
+        yield f"{name}, beside rollout, {label}", advance, in_one_call, 1
+
+
+def rollout_row(model, steps):
+    """Many simulations of the Panda with efforts of their own, each step recorded, beside MuJoCo's rollout."""
+    robot = load_robot("panda")
+    simulation = Simulation(robot)
+    rng = np.random.default_rng(0)
+    shape = (ROLLOUTS, len(simulation.joint_names))
+    positions = simulation.state.positions + 0.01 * rng.normal(size=shape)
+    velocities = rng.uniform(-SPEED, SPEED, shape)
+    efforts = rng.uniform(-1, 1, (ROLLOUTS, steps, shape[1]))
+    model.opt.timestep, model.opt.integrator = STEP, INTEGRATORS["RK4"]
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    spec = mujoco.mjtState.mjSTATE_QFRC_APPLIED
+    data = mujoco.MjData(model)
+    columns = [model.joint(name).dofadr[0] for name in simulation.joint_names]
+    start = np.zeros((ROLLOUTS, mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)))
+    for row, (q, qd) in enumerate(zip(positions, velocities, strict=True)):
+        data.qpos[columns], data.qvel[columns] = q, qd
+        mujoco.mj_getState(model, data, start[row], mujoco.mjtState.mjSTATE_FULLPHYSICS)
+    controls = np.zeros((ROLLOUTS, steps, model.nv))
+    controls[..., columns] = efforts
+
+    def ours():
+        simulate(robot, positions, velocities, efforts, threads=1)
+
+    def theirs():
+        rollout.rollout(model, data, start, control=controls, control_spec=spec.value)
+
+    yield f"panda, {ROLLOUTS} rollouts, beside rollout, RK4", ours, theirs, ROLLOUTS
 
 
 def cases(steps):
     """The rows of all robots."""
-    yield from rows("panda", panda(), np.zeros(9)[: panda().nq], lambda simulation: None, steps)
+    yield from rows("panda", panda(), np.zeros(9)[: panda().nq], steps)
+    yield from rollout_row(panda(), steps)
     for name in LOOPED:
         robot = load_robot(name)
         q = Simulation(robot).state.joint_positions
         peer = MujocoLoops(robot, q)
-        yield from rows(name, peer.model, peer.to_mujoco_order(q), lambda simulation: None, steps)
+        yield from rows(name, peer.model, peer.to_mujoco_order(q), steps)
 
 
 def main():
@@ -84,9 +115,9 @@ def main():
     parser.add_argument("--steps", type=int, default=100)
     options = parser.parse_args()
     print(f"{'a step of 1 ms':40} {'ours':>10} {'peer':>10} {'ratio':>7}")
-    for label, ours, theirs in cases(options.steps):
+    for label, ours, theirs, simulations in cases(options.steps):
         seconds, peer_seconds, ratio = time_both(ours, theirs, options.rounds, time.process_time)
-        micro = 1e6 / options.steps
+        micro = 1e6 / options.steps / simulations
         print(f"{label:40} {micro * seconds:7.2f} µs {micro * peer_seconds:7.2f} µs {1 / ratio:7.2f}")
 
 

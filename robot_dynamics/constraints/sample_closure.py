@@ -137,7 +137,7 @@ class SampleClosure:
 
     @procedure
     def correction(self, begin: Sample, end: Sample) -> Any:
-        """Largest displacement between positions t (m,) [rad or characteristic lengths], and whether no pitch is steep."""
+        """Largest displacement between positions t (m,) [rad or characteristic lengths]; whether no pitch is steep."""
         step, is_flat = self._displacement(begin, end)
         return largest(magnitude(step) / self._topology.column_units), is_flat
 

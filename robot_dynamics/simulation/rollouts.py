@@ -14,10 +14,9 @@ from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS
 from robot_dynamics.simulation.simulation import Simulation
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, ArrayLike
-    from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.model.robot import Robot
-    from robot_dynamics.simulation.simulation_state import SimulationState
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
 
 
 class Rollouts(NamedTuple):
@@ -60,7 +59,7 @@ def simulate(
     threads : int, optional
         Threads that share the work; by default as many as the process has processors.
     progress : callable, optional
-        Called with the part that is done, from 0 to 1, after every %d steps.
+        Called with the part that is done, from 0 to 1, after every RECORDED_STEPS steps.
 
     Returns
     -------
@@ -91,7 +90,12 @@ def simulate(
             f"positions and velocities must have the shape (N, {size}), and efforts (N, T, {size}) or (T, {size}), not "
             f"{q.shape}, {qd.shape} and {u.shape}"
         )
-    samples = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], u.shape[:-2], (1,))[0]
+    try:
+        (samples,) = np.broadcast_shapes(q.shape[:-1], qd.shape[:-1], u.shape[:-2], (1,))
+    except ValueError:
+        raise InvalidInputError(
+            f"positions {q.shape}, velocities {qd.shape} and efforts {u.shape} are for different numbers of simulations"
+        ) from None
     steps = u.shape[-2]
     q, qd = np.broadcast_to(q, (samples, size)), np.broadcast_to(qd, (samples, size))
     runner = _Runner(simulation, q, qd, threads or len(os.sched_getaffinity(0)))
@@ -107,29 +111,58 @@ def simulate(
 
 
 class _Runner:
-    """The present states of all simulations, and a Simulation for steps that the machine code leaves to Python."""
+    """The present states of all simulations, and a Simulation for steps that the machine code leaves to Python.
+
+    positions: (N, ...) as the programs take them; rates: (N, n); coordinates: those of the rates of each simulation.
+    """
 
     def __init__(self, simulation: Simulation, q: Array, qd: Array, threads: int) -> None:
+        self._stepping = simulation.stepping
         self._simulation = simulation
         self._threads = threads
-        self._states: list[SimulationState] = []
-        for positions, velocities in zip(q, qd, strict=True):
-            simulation.start(positions, velocities)
-            self._states.append(simulation.state)
+        self._steps = 0
+        self._coordinates: list[LoopCoordinates | None] = [None] * len(q)
+        self._positions, self._rates = q.copy(), qd.copy()
+        if simulation.robot.loops:
+            states = []
+            for positions, velocities in zip(q, qd, strict=True):
+                simulation.start(positions, velocities)
+                states.append(simulation.state)
+            self._coordinates = [state.coordinates for state in states]
+            self._positions = np.array([state.joint_positions for state in states])
 
     def advance(self, efforts: Array) -> Array:
         """Positions and velocities (2, N, K, n) after each of K steps with efforts (N, K, n)."""
         recorded = np.empty((2, *efforts.shape))
-        groups: dict[tuple[int, ...] | None, list[int]] = {}
-        for sample, state in enumerate(self._states):
-            independent = None if state.coordinates is None else state.coordinates.independent
-            groups.setdefault(independent, []).append(sample)
-        for independent, samples in groups.items():
-            program = self._simulation.step_program(independent)
-            done = np.zeros(len(samples), dtype=bool)
-            if program is not None:
-                done = self._advance_together(program, np.array(samples), efforts, recorded)
-            for sample in np.array(samples)[~done]:
-                self._advance_alone(sample, efforts[sample], recorded[:, sample])
+        done = np.zeros(len(efforts), dtype=bool)
+        samples = np.array([k for k, own in enumerate(self._coordinates) if self._stepping.is_recorded(own)], dtype=int)
+        if len(samples):
+            done[samples] = self._advance_together(samples, efforts[samples], recorded)
+        for sample in np.flatnonzero(~done):
+            self._advance_alone(int(sample), efforts[sample], recorded[:, sample])
+        self._steps += efforts.shape[1]
         return recorded
 
+    def _advance_together(self, samples: IntArray, efforts: Array, recorded: Array) -> BoolArray:
+        """(M,) whether the machine code took all steps of M simulations, with efforts (M, K, n); records those."""
+        coordinates = [self._coordinates[sample] for sample in samples]
+        run = self._stepping.record(self._positions[samples], self._rates[samples], efforts, coordinates, self._threads)
+        done = run.is_complete
+        recorded[0][samples[done]] = run.positions[done][..., self._stepping.joint_columns]
+        recorded[1][samples[done]] = run.rates[done]
+        self._positions[samples[done]] = run.positions[done, -1]
+        self._rates[samples[done]] = run.rates[done, -1]
+        for sample, own in zip(samples[done], run.coordinates(coordinates, done), strict=True):
+            self._coordinates[sample] = own
+        return done
+
+    def _advance_alone(self, sample: int, efforts: Array, recorded: Array) -> None:
+        """Steps of one simulation with efforts (K, n) by a Simulation; records them (2, K, n)."""
+        simulation, stepping = self._simulation, self._stepping
+        coordinates = self._coordinates[sample]
+        simulation.reset(stepping.state_at(self._steps, self._positions[sample], self._rates[sample], coordinates))
+        for k, step_efforts in enumerate(efforts):
+            state = simulation.advance(efforts=step_efforts)
+            recorded[:, k] = state.positions, state.velocities
+        self._positions[sample], self._rates[sample] = stepping.program_positions(state), state.rates[6:]
+        self._coordinates[sample] = state.coordinates

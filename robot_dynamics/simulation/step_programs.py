@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS, CompiledSte
 from robot_dynamics.simulation.runge_kutta import NODES
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, BoolArray
     from robot_dynamics.simulation.constrained_motion import LoopCoordinates
     from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
     from robot_dynamics.simulation.plant import Plant
@@ -52,6 +52,38 @@ class Run(NamedTuple):
     q: Array
     rates: Array
     coordinates: LoopCoordinates | None
+
+
+class RecordedRun(NamedTuple):
+    """Steps of M simulations.
+
+    Attributes
+    ----------
+    is_complete : ndarray of bool, shape (M,)
+        Whether all steps were taken.
+    positions : ndarray, shape (M, K, ...)
+        After each step, as the programs of the plant take them.
+    rates : ndarray, shape (M, K, n)
+    quality : ndarray, shape (M, 2), or None
+        Best and present quality of the coordinates; None without loops.
+    """
+
+    is_complete: BoolArray
+    positions: Array
+    rates: Array
+    quality: Array | None
+
+    def coordinates(
+        self, before: Sequence[LoopCoordinates | None], selected: BoolArray
+    ) -> list[LoopCoordinates | None]:
+        """Coordinates of the selected simulations, from those (M,) before the steps."""
+        if self.quality is None:
+            return [None] * int(selected.sum())
+        return [
+            own and own._replace(best_quality=float(best), quality=float(present))
+            for own, (best, present), is_selected in zip(before, self.quality, selected, strict=True)
+            if is_selected
+        ]
 
 
 class StepPrograms:
@@ -111,6 +143,24 @@ class StepPrograms:
             best_quality, quality = results[3].tolist()
             coordinates = coordinates._replace(best_quality=best_quality, quality=quality)
         return Run(int(done[0]), end_q, end_rates, coordinates)
+
+    def record(
+        self, q: Array, rates: Array, efforts: Array, coordinates: Sequence[LoopCoordinates | None], threads: int
+    ) -> RecordedRun:
+        """Take K steps of M simulations with efforts (M, K, ...), as StepInputs has them; see TimeStepping.record."""
+        count = efforts.shape[1]
+        first = coordinates[0]
+        program = self.program("record", None if first is None else first.independent)
+        assert program is not None
+        held = np.zeros((len(q), RECORDED_STEPS, efforts.shape[-1]))
+        held[:, :count] = efforts
+        arguments = [q, rates, held.reshape(len(q), -1)]
+        if first is not None:
+            arguments.append(np.array([[own.best_quality] for own in coordinates if own is not None]))
+        results = program.batch(*arguments, np.array([float(count)]), threads=threads)
+        positions, end_rates, done = results[:3]
+        quality = results[3] if first is not None else None
+        return RecordedRun(done[:, 0] == count, positions[:, :count], end_rates[:, :count], quality)
 
     def program(self, procedure: StepProcedure, independent: tuple[int, ...] | None) -> CompiledProgram | None:
         """The program of a procedure of CompiledSteps or CompiledLoopSteps, compiled now if it is not ready.

@@ -12,11 +12,11 @@ ROBOTS = [name for name in shipped_robots() if not load_robot(name).moving_base]
 
 def step_in_python(simulation, steps, efforts):
     """Advance by single steps that do not use the program."""
-    programs = simulation._stepping._programs
-    simulation._stepping._programs = None
+    programs = simulation.stepping._programs
+    simulation.stepping._programs = None
     for _ in range(steps):
         simulation.advance(efforts=efforts)
-    simulation._stepping._programs = programs
+    simulation.stepping._programs = programs
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -32,7 +32,7 @@ def test_steps_in_machine_code_and_in_python_agree(name):
         efforts = rng.uniform(-1, 1, size)
         compiled.advance(30, efforts=efforts)
         step_in_python(python, 30, efforts)
-        (program,) = compiled._stepping._programs._programs.values()
+        (program,) = compiled.stepping._programs._programs.values()
         assert isinstance(program, CompiledProgram)
         assert compiled.state.steps == python.state.steps
         assert compiled.state.time == python.state.time
@@ -68,7 +68,7 @@ def test_steps_that_are_too_long_are_divided():
     size = len(simulation.joint_names)
     simulation.start(velocities=np.full(size, 30.0))
     q, rates = simulation.state.positions, simulation.state.velocities
-    assert simulation._stepping._programs.advance(5, q, rates, np.zeros(size), None) is None
+    assert simulation.stepping._programs.advance(5, q, rates, np.zeros(size), None) is None
     simulation.advance(5)
     assert simulation.state.steps == 5
     fine = Simulation(load_robot("panda"), step=0.0005)
