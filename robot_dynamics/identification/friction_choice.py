@@ -182,14 +182,9 @@ class _Search:
 
     def _is_better(self, before: HeldOutFit, after: HeldOutFit) -> BoolArray:
         """Whether the residuals of each joint (n,) are smaller, beyond the scatter between blocks."""
-        gains = before.squares - after.squares
-        count = len(gains)
-        total = gains.sum(axis=0)
-        scatter = np.sqrt(np.square(gains - total / count).sum(axis=0) * count / max(count - 1, 1))
         least_gain = np.maximum(MIN_IMPROVEMENT * self.rms(before), MIN_SHARE * self.plain.held_out_rms)
-        is_large = self.rms(after) < self.rms(before) - least_gain
-        better: BoolArray = is_large & (total > float(student.ppf(SIGNIFICANCE, max(count - 1, 1))) * scatter)
-        return better
+        is_large: BoolArray = self.rms(after) < self.rms(before) - least_gain
+        return is_large & is_significantly_smaller(before.squares, after.squares)
 
     def _is_physical(self, values: Array, kept: BoolArray, joint: int) -> bool:
         """Whether a joint can have the friction among values (P,), as far as it could before."""
@@ -205,3 +200,14 @@ class _Search:
         coulomb = friction.get("Fs", 0.0) - min(before.get(f"Fs.{name}", 0.0), 0.0)
         opposes_motion = viscous >= abs(friction.get("Fva", 0.0)) and coulomb + min(friction.get("Fst", 0.0), 0.0) >= 0
         return bool(opposes_motion and 0 <= friction.get("mu", 0.0) <= MAX_LOAD_FRICTION)
+
+
+def is_significantly_smaller(before: Array, after: Array) -> BoolArray:
+    """Whether the sums of squares (B, n) of n joints are smaller in the mean over B blocks, by a paired t-test."""
+    gains = before - after
+    count = len(gains)
+    if count < 2:
+        return np.zeros(gains.shape[1], dtype=bool)
+    scatter = gains.std(axis=0, ddof=1) / np.sqrt(count)
+    smaller: BoolArray = gains.mean(axis=0) > float(student.ppf(SIGNIFICANCE, count - 1)) * scatter
+    return smaller

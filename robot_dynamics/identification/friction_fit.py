@@ -103,8 +103,6 @@ def _shifted(
     }
     stribeck = values_of_joint[STRIBECK_PARAMETER]
     step = values_of_joint[SHIFT_PARAMETER] / stribeck if stribeck else 0.0
-    if abs(step) > MAX_SHIFT:
-        return term  # the next candidate would have been better: the data do not determine the velocity
-    logarithm = np.log(term.velocity) + step
+    logarithm = np.log(term.velocity) + np.clip(step, -MAX_SHIFT, MAX_SHIFT)
     start = np.log(initial[term.joint])
     return term._replace(velocity=float(np.exp(np.clip(logarithm, start - MAX_SHIFT, start + MAX_SHIFT))))
