@@ -264,12 +264,16 @@ def _print_parameters(results: IdentificationResults) -> None:
 
 def _print_gains(gains: DriveGains) -> None:
     rows: list[list[Cell]] = [
-        [name, round_to_digits(gain, 5), round_to_digits(deviation, 2)]
-        for name, gain, deviation in zip(
-            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, strict=True
+        [name, round_to_digits(gain, 5), round_to_digits(deviation, 2), "uncertain" if is_uncertain else ""]
+        for name, gain, deviation, is_uncertain in zip(
+            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, gains.uncertain, strict=True
         )
     ]
-    print_table(["motor", "gain", "deviation"], rows, "Drive gains: motor efforts per measured value")
+    print_table(["motor", "gain", "deviation", ""], rows, "Drive gains: motor efforts per measured value")
+    print(
+        "deviation: standard deviation, from the scatter between seconds of motion. uncertain: above "
+        f"{100 * gains.uncertain_above:.0f} %: use a heavier payload, a longer motion, or larger accelerations."
+    )
 
 
 def _quality_as_dict(quality: FitQuality | None) -> dict[str, object] | None:
@@ -280,8 +284,8 @@ def _quality_as_dict(quality: FitQuality | None) -> dict[str, object] | None:
 
 def _gains_as_dicts(gains: DriveGains) -> list[dict[str, object]]:
     return [
-        {"name": name, "gain": float(gain), "deviation": float(deviation)}
-        for name, gain, deviation in zip(
-            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, strict=True
+        {"name": name, "gain": float(gain), "deviation": float(deviation), "uncertain": bool(is_uncertain)}
+        for name, gain, deviation, is_uncertain in zip(
+            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, gains.uncertain, strict=True
         )
     ]

@@ -247,10 +247,11 @@ def identify(
     source = _SampleSource(arguments, recordings, executor)
     gains = None
     if arguments.gains:
-        payload_model = PayloadIdentificationModel(robot_model, tuple(dict.fromkeys(payloads.values())), payloads)
-        gains = identify_gains(source.training(payload_model))
+        names = [recording.name for recording in recordings[: len(arguments.recordings)]]
+        fitted = {name: payloads[name] for name in names if name in payloads}
+        gains = identify_gains(source.training(PayloadIdentificationModel(robot_model, fitted)))
         source = replace(source, recordings=[replace(recording, drives=gains.drives) for recording in recordings])
-        model = gains.model
+        model = gains.model.with_same_payloads(payloads)
     samples = source.training(model)
     validation = source.validation(model)
     fit = fit_parameters(samples, method=arguments.method, validation=validation)
