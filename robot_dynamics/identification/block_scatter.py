@@ -70,7 +70,7 @@ def _few_blocks_factor(count: int) -> float:
 
 
 def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
-    """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
+    """Sums of squares (B, n) of the residuals of B blocks, each for a fit without this block; arguments as above."""
     roots = np.sqrt(weights)[:, None]
     squares: list[Array] = []
     for factors in blocks.factors:
@@ -79,8 +79,7 @@ def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, va
         change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
         held_out: Array = (residuals + columns @ change) / roots
         squares.append(np.square(held_out).sum(axis=1))
-    total: Array = np.sum(squares, axis=0)
-    return total
+    return np.array(squares)
 
 
 def _weighted_rows(factors: TriangularFactors, roots: Array, directions: Array, values: Array) -> tuple[Array, Array]:
