@@ -215,8 +215,7 @@ class FaultSearch:
         times = self.signals.times
         change = candidate.change
         log_likelihoods = np.where(change.gains > 0, (change.gains - change.gain) / 2, -np.inf)
-        neighbours = np.ones(2 * max(1, round(0.5 * ONSET_WINDOW / self.signals.step)) + 1)
-        onset = float(times[np.argmax(np.convolve(np.exp(log_likelihoods), neighbours, "same"))])
+        onset = float(times[_most_likely_row(np.exp(log_likelihoods), round(0.5 * ONSET_WINDOW / self.signals.step))])
         earliest, latest = self._possible_onsets(change)
         names = tuple(self.names[joint] for joint in candidate.hypothesis.joints)
         description = describe(candidate.hypothesis.kind, names, change.sizes, self.link)
@@ -233,6 +232,18 @@ def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:
         f"external contact{where} from {contact.start:.4g} to {contact.end:.4g} s, which loads {', '.join(names)}"
     )
     return Fault("contact", names, contact.start, contact.between, None, None, sentence)
+
+
+def _most_likely_row(likelihoods: Array, reach: int) -> int:
+    """The median row of those, in a window of `reach` rows on each side, that are the most likely of all windows.
+
+    The median of all rows may fall between two likely ones.
+    """
+    reach = min(max(1, reach), (len(likelihoods) - 1) // 2)
+    centre = int(np.argmax(np.convolve(likelihoods, np.ones(2 * reach + 1), "same")))
+    first = max(0, centre - reach)
+    sums = np.cumsum(likelihoods[first : centre + reach + 1])
+    return first + int(np.searchsorted(sums, 0.5 * sums[-1]))
 
 
 def _rms(values: Array, counts: BoolArray) -> Array:
