@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.fault_signals import FaultSignals
     from robot_dynamics.checking.whitening import WhiteningFilter
 
-BLOCK_DURATION = 1.0  # [s] over which errors of a model are taken as independent
+INDEPENDENCE_DURATION = 1.0  # [s] over which errors of a model are taken as independent
 MIN_OUTLIER_VARIANCE = 4.0  # of the evidence in the worst block, relative to that in the mean of blocks, at least
 MIN_BLOCK_INFORMATION = 0.3  # of a block that may be the worst one, relative to the mean of blocks
 RIDGE = 1e-3  # regularisation of the response of joints, as a part of the squares of its columns
@@ -205,7 +205,7 @@ class ChangeTest:
         unexplained : (N, k) white residuals without the change.
         """
         times = self.signals.times
-        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], BLOCK_DURATION)))
+        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], INDEPENDENCE_DURATION)))
         products = np.add.reduceat(everywhere * unexplained[..., None], starts, axis=0)  # (B, k, a)
         all_information = np.add.reduceat(np.square(everywhere).sum(axis=-1), starts, axis=0)  # (B, k)
         information = np.add.reduceat(np.square(white).sum(axis=-1), starts, axis=0)
