@@ -89,20 +89,22 @@ class ServiceClient:
             raise TimeoutError(f"service {service} did not appear within {timeout} s")
         sent = time.monotonic()
         patience = DISCOVERY_TIME
-        future = client.call_async(request)
-        while not future.done():
-            now = time.monotonic()
-            if now > deadline:
+        futures = [client.call_async(request)]
+        try:
+            while not any(future.done() for future in futures):
+                now = time.monotonic()
+                if now > deadline:
+                    raise TimeoutError(f"service {service} did not respond within {timeout} s")
+                if service not in self._responsive_services and now > sent + patience:
+                    sent = now
+                    patience *= 2
+                    futures.append(client.call_async(request))  # a response to an earlier one may still come
+                self._executor.spin_once(timeout_sec=0.1)
+        finally:
+            for future in futures:
                 client.remove_pending_request(future)
-                raise TimeoutError(f"service {service} did not respond within {timeout} s")
-            if service not in self._responsive_services and now > sent + patience:
-                client.remove_pending_request(future)
-                sent = now
-                patience *= 2
-                future = client.call_async(request)
-            self._executor.spin_once(timeout_sec=0.1)
         self._responsive_services.add(service)
-        return future.result()
+        return next(future.result() for future in futures if future.done())
 
     def call_batch(
         self,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -19,10 +20,15 @@ if TYPE_CHECKING:
 
 ROUND_TIME = 0.02
 """Time [s] of a round, in which each unfinished request has one turn."""
+RANGE_SHARE = 0.8
+"""Part of a turn that one range takes at most, unless most of that were overhead."""
+MOST_OVERHEAD = 2
+"""Time of a range, relative to that of the shortest one, up to which ranges grow. With loops a range of one point takes
+nearly as long as one of fifty: in shorter ones a request would take many times as long."""
 LARGEST_GROWTH = 32
 """Factor from the number of points in a range to that in the next one, at most."""
 OVERRUN = 1.5
-"""Factor on the time of a turn from which on the next range is smaller."""
+"""Factor on the intended time of a range from which on the next one is smaller."""
 
 
 @dataclass(eq=False)
@@ -43,6 +49,7 @@ class PendingRequest:
     def __post_init__(self) -> None:
         self._start = 0
         self._size = self.work.first_range
+        self._shortest = math.inf  # time of a range [s]: nearly that part which does not depend on the number of points
 
     def advance(self, seconds: float) -> bool:
         """Do about `seconds` of work, one range at least. Return whether the work is done."""
@@ -52,7 +59,9 @@ class PendingRequest:
             stop = min(self.work.count, self._start + self._size)
             self.work.compute(slice(self._start, stop))
             now = time.perf_counter()
-            self._size = next_range_size(stop - self._start, now - started, seconds)
+            self._shortest = min(self._shortest, now - started)
+            target = max(RANGE_SHARE * seconds, MOST_OVERHEAD * self._shortest)
+            self._size = next_range_size(stop - self._start, now - started, target)
             self._start = stop
             if stop == self.work.count:
                 self.work.finish()
@@ -61,15 +70,14 @@ class PendingRequest:
                 return False
 
 
-def next_range_size(size: int, elapsed: float, seconds: float) -> int:
-    """Return the number of points that take about `seconds`, after `size` points took `elapsed` [s].
+def next_range_size(size: int, elapsed: float, target: float) -> int:
+    """Return the number of points that take about `target` [s], after `size` points took `elapsed` [s].
 
-    A range has a constant part of its time, which is not known: one that ends early grows to twice its size or more.
+    A part of the time does not depend on the number of points: a range that ends early grows to twice its size or more.
     """
-    fitting = int(size * 0.8 * seconds / elapsed) if elapsed else LARGEST_GROWTH * size
-    if elapsed < 0.8 * seconds:
-        return min(max(fitting, 2 * size), LARGEST_GROWTH * size)
-    return max(1, fitting) if elapsed > OVERRUN * seconds else size
+    if elapsed < target:
+        return min(max(int(size * target / elapsed), 2 * size), LARGEST_GROWTH * size)
+    return max(1, int(size * target / elapsed)) if elapsed > OVERRUN * target else size
 
 
 class RequestTurns:
