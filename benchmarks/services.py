@@ -3,10 +3,10 @@
     python benchmarks/services.py                 one point, 10 000 and 100 000 points, and small requests beside large
     python benchmarks/services.py --rounds 3      a short run
 
-The empty node has the same executor. It takes the same requests, and sends responses of the same size, made of zeros
-before the measurement. Both are called in alternation, so that other work on the machine disturbs both. A ratio is the
-median of those of neighbouring calls. Times are end to end: from the arrays of a client to its response. Processor time
-is that of the process of the node.
+The empty node has the same executor and quality of service. It takes the same requests, and sends responses of the same
+size, made of zeros before the measurement. Both are called in alternation, so that other work on the machine disturbs
+both. A ratio is the median of those of neighbouring calls; in the first column it is that of the minima. Times are end
+to end: from the request of a client to its response. Processor time is that of the process of the node.
 
 The wait is that of a client with requests of one point, while another client sends requests of 100 000 points to the
 same node.
@@ -29,6 +29,7 @@ from trajectory_msgs.msg import JointTrajectoryPoint
 from robot_dynamics import load_robot
 from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.processes import running_node, terminate_process
+from robot_dynamics.nodes.qos import SERVICE_QOS
 from robot_dynamics.nodes.runner import make_events_executor, run_node
 from robot_dynamics_interfaces.srv import InverseDynamics, InverseDynamicsBatch
 
@@ -55,7 +56,8 @@ class EmptyServer(Node):
         super().__init__("dynamics_server")
         self._responses = {}
         self.services_kept = [
-            self.create_service(kind, f"~/{name}", self._respond) for kind, name in (FLAT, TRAJECTORY)
+            self.create_service(kind, f"~/{name}", self._respond, qos_profile=SERVICE_QOS)
+            for kind, name in (FLAT, TRAJECTORY)
         ]
 
     def _respond(self, request, response):
@@ -150,12 +152,13 @@ def measure_waits(client, node, service, seconds, names):
         sent = 0
         while process.poll() is None:
             if service is None:
-                client.call_batch(kind, f"{NAMESPACES[node]}/{name}", names, **arrays)
+                client.call_batch(kind, f"{NAMESPACES[node]}/{name}", names, **arrays, timeout=120)
             else:
                 assert client.call(kind, f"{NAMESPACES[node]}/{name}", request, timeout=120).success
             sent += 1
         waits = np.fromstring(process.stdout.read(), sep=" ")
     late = int((waits > MOST_WAIT).sum())
+    assert len(waits), "the client with small requests ended early"
     return [
         node,
         f"{sent} of {name}" + ("" if service else ", call_batch"),
@@ -205,7 +208,7 @@ def measure(options):
     with running_node("dynamics_server", {"robot_file": "panda"}, "/model") as server, empty_server() as bare:
         processes = {"dynamics_server": server, "empty": bare}
         rows = []
-        for service, count, calls, in_parts in CASES:
+        for service, count, calls, in_parts in CASES if not options.waits else CASES[:1]:
             calls = max(3, calls * options.rounds // 10)
             rows += measure_case(client, processes, service, count, calls, in_parts, names)
         header = ["service", "points", "node", "min [ms]", "p50 [ms]", "p90 [ms]", "processor [ms]"]
@@ -222,6 +225,7 @@ def measure(options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=10, help="10: as many calls as in the documentation (default)")
+    parser.add_argument("--waits", action="store_true", help="only the waits beside large requests")
     parser.add_argument("--empty", action="store_true", help=argparse.SUPPRESS)  # the process of the empty node
     parser.add_argument("--small-requests", nargs=2, help=argparse.SUPPRESS)  # the process of the second client
     options, ros_arguments = parser.parse_known_args()
