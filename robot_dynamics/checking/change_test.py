@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.fault_signals import FaultSignals
     from robot_dynamics.checking.whitening import WhiteningFilter
 
-BLOCK_DURATION = 1.0  # [s] over which errors of a model are taken as independent
+INDEPENDENCE_DURATION = 1.0  # [s] over which errors of a model are taken as independent
 OUTLIER_VARIANCE = 15.0  # of the evidence in the worst block, relative to that in the mean of blocks
 RIDGE = 1e-3  # regularisation of the response of joints, as a part of the squares of its columns
 MIN_DISTINCT_PART = 3e-3  # of the squares of a change that constant errors of the model do not reproduce: less is noise
@@ -181,7 +181,7 @@ class ChangeTest:
             residuals = residuals - everywhere @ (inverse @ np.einsum("tja,tj->a", everywhere, residuals))
         unexplained = residuals - white @ sizes
         times = self.signals.times
-        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], BLOCK_DURATION)))
+        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], INDEPENDENCE_DURATION)))
         scores = np.add.reduceat(np.einsum("tja,tj->ta", everywhere, unexplained), starts, axis=0)
         all_information = np.add.reduceat(np.einsum("tja,tja->t", everywhere, everywhere), starts)
         information = np.add.reduceat(np.einsum("tja,tja->t", white, white), starts)

@@ -32,7 +32,7 @@ class BatchResult:
     """
 
     joint_names: tuple[str, ...]
-    fields: Mapping[str, Array]
+    fields: dict[str, Array]
     warning: str
     response: Any
 
