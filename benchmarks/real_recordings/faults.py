@@ -18,6 +18,7 @@ import itertools
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,8 @@ from robot_dynamics.checking.faults import Evidence
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.identification.determination import judge_determination
 from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.friction_fit import choose_friction_model
+from robot_dynamics.identification.friction_terms import PARAMETER_OF_MODEL
 from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.physical_consistency import fit_consistent_robot
 from robot_dynamics.identification.samples import Samples
@@ -104,7 +107,15 @@ def fit_models(arguments: argparse.Namespace, paths: Sequence[Path]) -> Iterator
         chosen = [each for each in paths if each != path] if arguments.union else [path]
         label = f"all but {path.stem}" if arguments.union else path.stem
         try:
-            fit = fit_parameters(Samples([open_recording(each, drives) for each in chosen], model))
+            opened = [open_recording(each, drives) for each in chosen]
+            fit = fit_parameters(Samples(opened, model))
+            if arguments.friction == "auto":
+                samples_of = partial(Samples, opened)
+                friction_model, choice = choose_friction_model(
+                    fit, samples_of, tuple(PARAMETER_OF_MODEL), required=False
+                )
+                if choice.terms:
+                    fit = fit_parameters(samples_of(friction_model))
             verdict = judge_determination(fit).verdict
             if verdict == "not determined":
                 print(f"{label}: {verdict}")
@@ -228,6 +239,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of CSV files or bags of one robot")
     parser.add_argument("--robot", required=True, help="description, or the name of a robot that ships")
     parser.add_argument("--snap", type=float, help="largest angle [rad] to a multiple of 90 degrees that is snapped")
+    parser.add_argument(
+        "--friction", choices=("auto", "viscous-coulomb"), default="auto", help="as that of identify (default: auto)"
+    )
     parser.add_argument("--moments", type=int, default=0, help="number of faults of each kind (default: none)")
     parser.add_argument("--detect-in", help="name of the recording that faults are added to (default: the last)")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="faults to add (default: all)")
