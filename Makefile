@@ -92,6 +92,8 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/inverse_direct.py
 	.venv/bin/python benchmarks/compiled_models.py
 	.venv/bin/python benchmarks/closed_loops.py
+	.venv/bin/python benchmarks/single_calls.py
+	.venv/bin/python benchmarks/simulation_steps.py
 	.venv/bin/python benchmarks/parallel_robots.py
 	.venv/bin/python benchmarks/elastodynamics.py
 	.venv/bin/python benchmarks/streaming_latency.py

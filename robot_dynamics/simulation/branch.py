@@ -16,9 +16,9 @@ from robot_dynamics.array_types import Array
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.constrained_motion import (
-    NEAR_SINGULAR_QUALITY,
     SINGULAR_QUALITY,
 )
+from robot_dynamics.simulation.step_limits import MAX_CORRECTION, NEAR_SINGULAR_QUALITY
 
 if TYPE_CHECKING:
     from robot_dynamics.simulation.constrained_motion import (
@@ -39,8 +39,6 @@ LATERAL_TOLERANCE = 0.1
 TIGHT_CLOSURE_TOLERANCE = 3e-16
 """Residual [characteristic lengths, rad] near a singular position. The error of the tangent there is the residual
 divided by the square of the distance."""
-MAX_CORRECTION = 5e-3
-"""Correction of positions after a part of a step that is accepted [rad or characteristic lengths]."""
 REST_VELOCITY = 1e-12
 """Velocity [rad/s or characteristic lengths/s] below which the direction of motion is unknown."""
 

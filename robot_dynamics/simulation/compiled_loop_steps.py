@@ -13,12 +13,17 @@ import numpy as np
 
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE, angle_steps
 from robot_dynamics.procedures import largest, magnitude, procedure, select, solve, zeros
-from robot_dynamics.simulation.branch import MAX_CORRECTION
-from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS
-from robot_dynamics.simulation.constrained_motion import DEGRADATION_RATIO, MAX_TRAVEL, NEAR_SINGULAR_QUALITY
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.runge_kutta import increment
-from robot_dynamics.simulation.step_integrator import MIN_RATE_SCALE, TOLERANCE
+from robot_dynamics.simulation.step_limits import (
+    DEGRADATION_RATIO,
+    MAX_CORRECTION,
+    MAX_TRAVEL,
+    MIN_RATE_SCALE,
+    NEAR_SINGULAR_QUALITY,
+    RECORDED_STEPS,
+    TOLERANCE,
+)
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array

@@ -14,14 +14,11 @@ import numpy as np
 from robot_dynamics.procedures import largest, magnitude, procedure, solve, zeros
 from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.runge_kutta import increment
-from robot_dynamics.simulation.step_integrator import MIN_RATE_SCALE, TOLERANCE
+from robot_dynamics.simulation.step_limits import MIN_RATE_SCALE, RECORDED_STEPS, TOLERANCE
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
-
-RECORDED_STEPS = 50
-"""Steps of one call that records all of them."""
 
 
 class CompiledSteps:

@@ -25,24 +25,19 @@ from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.attitude_integration import AttitudeIntegration
+from robot_dynamics.simulation.step_limits import DEGRADATION_RATIO, MAX_TRAVEL, NEAR_SINGULAR_QUALITY
 
 if TYPE_CHECKING:
     from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.dynamics import Dynamics
 
-NEAR_SINGULAR_QUALITY = 1e-2
-"""Quality of coordinates below which each stage of a step is put on the constraints."""
 SINGULAR_QUALITY = 1e-6
 """Quality of coordinates below which values are interpolated along the branch."""
-DEGRADATION_RATIO = 0.1
-"""Ratio of the quality to its best value at which a set of coordinates is compared with others."""
 IMPROVEMENT_RATIO = 2.0
 """Ratio of qualities from which another set of coordinates replaces the present one."""
 MAX_TRAVEL_NEAR_SINGULAR = 0.02
 """Longest travel of a joint in a part of a step near a singular position [rad or characteristic lengths]."""
-MAX_TRAVEL = 0.1
-"""Longest travel of a joint of loops in a part of a step elsewhere [rad or characteristic lengths]."""
 
 ClosureStep = Callable[[Array], tuple[Array, ...]]
 """The program `closure`: one step of Newton's method at positions (m,) of the non-mimic joints."""

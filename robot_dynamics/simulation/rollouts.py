@@ -10,8 +10,8 @@ import numpy as np
 
 from robot_dynamics.array_checks import require_finite
 from robot_dynamics.errors import InvalidInputError
-from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS
 from robot_dynamics.simulation.simulation import Simulation
+from robot_dynamics.simulation.step_limits import RECORDED_STEPS
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray

@@ -10,9 +10,9 @@ import numpy as np
 
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation.branch import close_on_branch
-from robot_dynamics.simulation.constrained_motion import NEAR_SINGULAR_QUALITY
 from robot_dynamics.simulation.runge_kutta import increment
 from robot_dynamics.simulation.step_inputs import Conditions
+from robot_dynamics.simulation.step_limits import MIN_RATE_SCALE, NEAR_SINGULAR_QUALITY, TOLERANCE
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -35,10 +35,6 @@ MAX_CONTACT_SUBSTEPS = 65536
 """Number of parts into which a step may be divided where a point meets the ground."""
 WARNING_SUBSTEPS = 8
 """Number of parts of a step from which a warning is logged."""
-MIN_RATE_SCALE = 1.0
-"""Least rate [rad/s or characteristic lengths/s] that errors are compared with."""
-TOLERANCE = 1e-7
-"""Relative error of a part of a step. The estimate is of order 4: the error of the method is far smaller."""
 STEP_GROWTH_THRESHOLD = 1e-3
 """Error, relative to the tolerance, below which the next part is twice as long."""
 MAX_RELATIVE_ERROR = 1e-2

@@ -16,8 +16,9 @@ from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.constraints.sample_closure import SampleClosure
 from robot_dynamics.errors import CompilationError
 from robot_dynamics.simulation.compiled_loop_steps import CompiledLoopSteps
-from robot_dynamics.simulation.compiled_steps import RECORDED_STEPS, CompiledSteps
+from robot_dynamics.simulation.compiled_steps import CompiledSteps
 from robot_dynamics.simulation.runge_kutta import NODES
+from robot_dynamics.simulation.step_limits import RECORDED_STEPS
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray

@@ -216,6 +216,9 @@ def test_source_digest_folders_contain_everything_a_program_depends_on():
         new_modules = {name for module in new_modules for name in imported(module)} - modules
     assert {"robot_dynamics.newton_euler.augmented", "robot_dynamics.codegen.jit.engine"} < modules
     outside = {name for name in modules if name.split(".")[1] not in module.FOLDERS}
+    files = {f"robot_dynamics.{Path(name).stem}" for name in module.FILES}
+    assert files < outside
+    outside -= files
     assert outside == {
         "robot_dynamics.array_checks",
         "robot_dynamics.array_types",
