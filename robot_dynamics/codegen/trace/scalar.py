@@ -64,6 +64,7 @@ class Trace:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._numbers: dict[Node, int] = {}
+        self._is_fixed: list[bool] = []
 
     def input(self, name: str, size: int) -> ScalarArray:
         """Scalars (size,) of an array that is an argument of each call."""
@@ -97,6 +98,9 @@ class Trace:
         if number is None:
             number = self._numbers[node] = len(self.nodes)
             self.nodes.append(node)
+            operation, operands = node
+            is_fixed = operation != INPUT if operation in LEAVES else all(self._is_fixed[k] for k in operands)
+            self._is_fixed.append(is_fixed)
         return number
 
     def constant_value(self, number: int) -> float | None:
@@ -123,6 +127,9 @@ class Trace:
             remainder = self._cancel_term(term, total)
             if remainder is not None:
                 return remainder
+        common = self._sum_with_common_factor(a, b)
+        if common is not None:
+            return common
         if b.node < a.node:
             a, b = b, a
         operation: Operation = ADD if a.sign == b.sign else SUBTRACT
@@ -138,6 +145,23 @@ class Trace:
             if operands[cancelled] == term.node and signs[cancelled] == -term.sign:
                 return Scalar(self, operands[remaining], signs[remaining])
         return None
+
+    def _sum_with_common_factor(self, a: Scalar, b: Scalar) -> Scalar | None:
+        """(h + k) x for h x + k x with numbers h and k that are known before a call; None for other terms."""
+        x, h = self._factor_and_coefficient(a)
+        y, k = self._factor_and_coefficient(b)
+        if x != y or h.node == k.node or self._is_fixed[x]:
+            return None
+        return self.product(Scalar(self, x, 1), self.sum(h, k))
+
+    def _factor_and_coefficient(self, term: Scalar) -> tuple[int, Scalar]:
+        """A node and the number, known before a call, by which it is multiplied in a term; 1 if there is none."""
+        operation, operands = self.nodes[term.node]
+        if operation == MULTIPLY:
+            for coefficient, factor in (operands, operands[::-1]):
+                if self._is_fixed[coefficient]:
+                    return factor, Scalar(self, coefficient, term.sign)
+        return term.node, self.constant(term.sign)
 
     def product(self, a: Scalar, b: Scalar) -> Scalar:
         """a b."""
@@ -192,6 +216,11 @@ class Scalar:
         self.trace = trace
         self.node = node
         self.sign = sign
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the Scalar is the constant zero."""
+        return self.trace.constant_value(self.node) == 0
 
     def _combine(self, other: object, record: Callable[[Scalar, Scalar], Scalar]) -> Any:
         """The result of `record` for this Scalar and another Scalar or number."""
