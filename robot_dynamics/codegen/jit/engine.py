@@ -52,25 +52,34 @@ class Module(NamedTuple):
         Stands for the text in the cache.
     text : callable
         Returns the text; called only if it must be compiled.
+    is_shared : bool
+        Whether many programs link the module: its object code then stays in memory.
     """
 
     key: str
     text: Callable[[], str]
+    is_shared: bool = False
 
     @classmethod
-    def from_text(cls, text: str) -> Module:
+    def from_text(cls, text: str, is_shared: bool = False) -> Module:
         """A Module whose text is its own key."""
-        return cls(text, lambda: text)
+        return cls(text, lambda: text, is_shared)
+
+
+shared_object_code: dict[str, bytes] = {}
+"""Object code of shared modules, by the key of the cache."""
 
 
 def object_code(module: Module, recompile: bool = False) -> bytes:
     """Object code of a Module, from the cache unless it is missing there or `recompile` is set."""
     versions = llvmlite.__version__, str(llvm.llvm_version_info), str(OPTIMIZATION_LEVEL)
     key = "\n".join([*versions, *host_target(), module.key])
-    image = None if recompile else load(key)
+    image = None if recompile else shared_object_code.get(key) or load(key)
     if image is None:
         image = compile_ir(module.text())
         store(key, image)
+    if module.is_shared:
+        shared_object_code[key] = image
     return image
 
 

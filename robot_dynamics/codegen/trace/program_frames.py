@@ -120,7 +120,7 @@ def turn_last_frames(robot: Robot) -> tuple[Robot, Array]:
         if angle:
             shifts[number - 1] = angle  # a turn about z_j after the joint: its placement at position zero stays
             links[number] = replace(links[number], inertia=_turned(links[number].inertia, angle))
-    return replace(robot, links=tuple(links)), shifts
+    return replace(robot, links=tuple(links)) if shifts.any() else robot, shifts
 
 
 def _best_direction(inertia: Inertia) -> float:

@@ -44,6 +44,8 @@ Node: TypeAlias = tuple[Operation, Operands]
 Number: TypeAlias = "float | np.floating[Any] | np.integer[Any]"
 """A real number."""
 
+NUMBERS = (float, int)  # and numpy.float64, which is a float
+
 CONSTANT_FUNCTIONS: dict[str, Callable[[float], float]] = {
     SINE: math.sin,
     COSINE: math.cos,
@@ -65,6 +67,8 @@ class Trace:
         self.nodes: list[Node] = []
         self._numbers: dict[Node, int] = {}
         self._is_fixed: list[bool] = []
+        self.zero = self.constant(0)
+        """The constant zero."""
 
     def input(self, name: str, size: int) -> ScalarArray:
         """Scalars (size,) of an array that is an argument of each call."""
@@ -150,18 +154,22 @@ class Trace:
         """(h + k) x for h x + k x with numbers h and k that are known before a call; None for other terms."""
         x, h = self._factor_and_coefficient(a)
         y, k = self._factor_and_coefficient(b)
-        if x != y or h.node == k.node or self._is_fixed[x]:
+        if x != y or h == k or self._is_fixed[x]:
             return None
-        return self.product(Scalar(self, x, 1), self.sum(h, k))
+        coefficients = (self.constant(1) if node is None else Scalar(self, node, 1) for node in (h, k))
+        total = self.sum(*(node if term.sign > 0 else -node for node, term in zip(coefficients, (a, b), strict=True)))
+        return self.product(Scalar(self, x, 1), total)
 
-    def _factor_and_coefficient(self, term: Scalar) -> tuple[int, Scalar]:
-        """A node and the number, known before a call, by which it is multiplied in a term; 1 if there is none."""
+    def _factor_and_coefficient(self, term: Scalar) -> tuple[int, int | None]:
+        """Two nodes of which a term is the product but for its sign, the second known before a call; None means 1."""
         operation, operands = self.nodes[term.node]
         if operation == MULTIPLY:
-            for coefficient, factor in (operands, operands[::-1]):
-                if self._is_fixed[coefficient]:
-                    return factor, Scalar(self, coefficient, term.sign)
-        return term.node, self.constant(term.sign)
+            first, second = operands
+            if self._is_fixed[first]:
+                return second, first
+            if self._is_fixed[second]:
+                return first, second
+        return term.node, None
 
     def product(self, a: Scalar, b: Scalar) -> Scalar:
         """a b."""
@@ -171,7 +179,7 @@ class Trace:
         if x is not None and y is not None:
             return self.constant(sign * x * y)
         if x == 0 or y == 0:
-            return self.constant(0)
+            return self.zero
         if x == 1:
             return Scalar(self, b.node, sign)
         if y == 1:
@@ -233,6 +241,8 @@ class Scalar:
         return record(self, other)
 
     def __add__(self, other: object) -> Any:
+        if isinstance(other, NUMBERS) and other == 0:  # most terms that are numbers are zeros of constant matrices
+            return self
         return self._combine(other, self.trace.sum)
 
     def __sub__(self, other: object) -> Any:
@@ -242,6 +252,11 @@ class Scalar:
         return self._combine(other, lambda a, b: self.trace.sum(b, -a))
 
     def __mul__(self, other: object) -> Any:
+        if isinstance(other, NUMBERS):
+            if other == 0:
+                return self.trace.zero
+            if other == 1:
+                return self
         return self._combine(other, self.trace.product)
 
     def __truediv__(self, other: object) -> Any:
