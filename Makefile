@@ -88,13 +88,14 @@ colcon:  ## build both packages as in a ROS workspace, into build/, install/ and
 	@$(BOOTSTRAP) --colcon
 	@sh tools/colcon_build.sh
 
-bench: venv  ## measure recursions, compiled models, loops, parallel robots and the streaming of efforts beside others
+bench: venv  ## measure recursions, compiled models, loops, parallel robots, streaming and services beside others
 	.venv/bin/python benchmarks/inverse_direct.py
 	.venv/bin/python benchmarks/compiled_models.py
 	.venv/bin/python benchmarks/closed_loops.py
 	.venv/bin/python benchmarks/parallel_robots.py
 	.venv/bin/python benchmarks/elastodynamics.py
 	.venv/bin/python benchmarks/streaming_latency.py
+	.venv/bin/python benchmarks/services.py
 	.venv/bin/python benchmarks/replay.py
 
 soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming

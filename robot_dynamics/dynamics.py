@@ -6,8 +6,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
+from robot_dynamics.bound_model import BoundModel
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
-from robot_dynamics.codegen.program_calls import evaluate_model
+from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS, CheckedModels
+from robot_dynamics.codegen.program_calls import evaluate_model, program_key
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError, UnavailableModelError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
     from robot_dynamics.codegen.jit.python_program import PythonProgram
+    from robot_dynamics.inputs import ExternalWrenches
     from robot_dynamics.model.platform import Platform
 
 __all__ = ["BASE_ROWS", "Base", "Dynamics", "DynamicsResult", "Equilibrium"]
@@ -40,6 +43,9 @@ ModelName: TypeAlias = Literal[
     "state_derivative",
 ]
 """Models that `Dynamics.compile` compiles; the last two only for robots with loops."""
+
+CheckedModelName: TypeAlias = Literal["inverse", "direct", "inertia_matrix", "gravity", "coriolis"]
+"""Models that `Dynamics.bind` binds."""
 
 
 class Dynamics(JointDynamics):
@@ -99,6 +105,8 @@ class Dynamics(JointDynamics):
         self.compiled = compiled
         self._programs = CompiledModels(robot)
         super().__init__(robot, ClosureSolver(robot, self._programs if compiled else None))
+        self._checked_models = CheckedModels(robot, self._closure_solver.topology, self._programs)
+        self._attempts = self._checked_models.attempts
 
     def __repr__(self) -> str:
         return f"Dynamics({self.robot!r})"
@@ -159,6 +167,43 @@ class Dynamics(JointDynamics):
         numbers = None if independent is None else tuple(independent)
         return self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
 
+    def bind(
+        self,
+        model: CheckedModelName,
+        *,
+        base: Base | None = None,
+        external_wrenches: ExternalWrenches | None = None,
+    ) -> BoundModel:
+        """Bind a model to a base and external wrenches that do not change, for callers in a loop.
+
+        The model is compiled now. Names are resolved and the constants are checked once; a call checks the rest in
+        machine code.
+
+        Parameters
+        ----------
+        model : str
+            inverse, direct, inertia_matrix, gravity or coriolis.
+        base : Base, optional
+            State of the base, for a robot with a moving base only.
+        external_wrenches : mapping of str to array_like, shape (6,), optional
+            As `inverse`; for inverse and direct only.
+
+        Returns
+        -------
+        BoundModel
+            ``bound(q, qd, qdd)`` takes the joint arguments of the method of that name, and returns the same result.
+
+        Raises
+        ------
+        InvalidInputError
+            The model is unknown, or the constants do not fit the robot.
+        SingularModelError
+            The model has no solution in any state.
+        """
+        if model not in CHECKED_MODELS:
+            raise InvalidInputError(describe_unknown_name("model", model, CHECKED_MODELS))
+        return BoundModel(self, model, self._checked_models, base, external_wrenches)
+
     @cached_property
     def platform(self) -> PlatformDynamics:
         """Dynamics of a parallel robot in coordinates of its platform, or of all platforms together.
@@ -214,4 +259,7 @@ class Dynamics(JointDynamics):
         wrenches = options.get("external_wrenches")
         if not (self.compiled and self.joint_names and isinstance(wrenches, Mapping | None)):
             return recursion()
+        is_one_sample = all(argument.ndim == 1 for argument in arguments.values())
+        if is_one_sample and self._programs.get_ready(*program_key(model, self.robot, None, {})) is not None:
+            self._checked_models.prepare(model)
         return evaluate_model(self._programs, self.robot, model, arguments, options, recursion)

@@ -6,6 +6,9 @@ Every recording in the folder is fitted by itself, and checked with the model of
 a false alarm, if the recordings are sound. Runs that do not determine the robot give no model. With `--moments`, faults
 of all kinds are added to one recording at random moments, and searched for with the model of another one. Counted are
 those that are named with their kind and joints, and those of them that are dated within 0.5 s.
+
+With `--union` a model is fitted to all recordings but one, and the one is checked: for recordings that are too short to
+determine the robot alone.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ import itertools
 import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +32,8 @@ from robot_dynamics.checking.faults import Evidence
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.identification.determination import judge_determination
 from robot_dynamics.identification.fitting import fit_parameters
+from robot_dynamics.identification.friction_fit import choose_friction_model
+from robot_dynamics.identification.friction_terms import PARAMETER_OF_MODEL
 from robot_dynamics.identification.identification_model import build_identification_model
 from robot_dynamics.identification.physical_consistency import fit_consistent_robot
 from robot_dynamics.identification.samples import Samples
@@ -48,15 +54,20 @@ PUSH = 30.0  # [N]
 PUSH_DURATION = 1.0  # [s]
 FRICTION_SHARE = 0.015  # of the effort limit: least step of Coulomb friction
 LOSS = 0.2  # part of the rows
-MARGIN = 3.0  # [s] of motion before and after an onset
+MARGIN = 3.0  # [s] of motion before and after an onset, unless --margin is given
 
 
 @dataclass(frozen=True)
 class Model:
-    """A robot that is fitted to a recording."""
+    """A robot that is fitted to recordings; trained_on: their names."""
 
-    name: str
+    trained_on: frozenset[str]
     predictor: Predictor
+
+    @property
+    def name(self) -> str:
+        """The names of the recordings."""
+        return ", ".join(sorted(self.trained_on))
 
 
 class Signals:
@@ -87,23 +98,34 @@ class Signals:
 
 
 def fit_models(arguments: argparse.Namespace, paths: Sequence[Path]) -> Iterator[Model]:
-    """Yield the model of each recording that determines the robot."""
+    """Yield the models of recordings, or of all recordings but one, that determine the robot."""
     robot = load_robot(arguments.robot)
     dynamics = Dynamics(robot if arguments.snap is None else snap_angles(robot, arguments.snap))
     drives = direct_drives(dynamics.joint_names)
     model = build_identification_model(dynamics, drives)
     for path in paths:
+        chosen = [each for each in paths if each != path] if arguments.union else [path]
+        label = f"all but {path.stem}" if arguments.union else path.stem
         try:
-            fit = fit_parameters(Samples([open_recording(path, drives)], model))
+            opened = [open_recording(each, drives) for each in chosen]
+            fit = fit_parameters(Samples(opened, model))
+            if arguments.friction == "auto":
+                samples_of = partial(Samples, opened)
+                friction_model, choice = choose_friction_model(
+                    fit, samples_of, tuple(PARAMETER_OF_MODEL), required=False
+                )
+                if choice.terms:
+                    fit = fit_parameters(samples_of(friction_model))
             verdict = judge_determination(fit).verdict
             if verdict == "not determined":
-                print(f"{path.stem}: {verdict}")
+                print(f"{label}: {verdict}")
                 continue
             consistent = fit_consistent_robot(fit)
         except RobotDynamicsError as error:
-            print(f"{path.stem}: {error}")
+            print(f"{label}: {error}")
             continue
-        yield Model(path.stem, Predictor(Dynamics(consistent.robot), consistent.drives))
+        trained_on = frozenset(each.stem for each in chosen)
+        yield Model(trained_on, Predictor(Dynamics(consistent.robot), consistent.drives))
 
 
 def search(samples: Sequence[JointSample], predictor: Predictor) -> Fault | None:
@@ -181,7 +203,7 @@ def _replace(signals: Signals, row: int, efforts: Array, offsets: Array) -> Join
 def print_false_alarms(models: Sequence[Model], recordings: dict[str, Signals]) -> None:
     """Search for faults in each recording, with the model of each other one."""
     alarms = 0
-    pairs = [(model, name) for model, name in itertools.product(models, recordings) if model.name != name]
+    pairs = [(model, name) for model, name in itertools.product(models, recordings) if name not in model.trained_on]
     for model, name in pairs:
         fault = search(recordings[name].samples, model.predictor)
         if fault is not None:
@@ -190,15 +212,19 @@ def print_false_alarms(models: Sequence[Model], recordings: dict[str, Signals]) 
     print(f"{alarms} alarms in {len(pairs)} pairs of a recording and a model of another one")
 
 
-def print_detections(model: Model, signals: Signals, moments: int) -> None:
-    """Add faults of all kinds at random moments; print how many are named, and dated within 0.5 s."""
+def print_detections(model: Model, signals: Signals, moments: int, kinds: Sequence[str], margin: float) -> None:
+    """Add faults of some kinds at random moments; print how many are named, and dated within 0.5 s."""
     print(f"\n{'fault':10s} {'named':>6s} {'dated':>6s}   of {moments}")
     begin, end = signals.moving_range
-    for number, kind in enumerate(KINDS):
+    if end - begin <= 2 * margin:
+        print(f"the motion lasts {end - begin:.2g} s: no moment is {margin:g} s from both of its ends")
+        return
+    for kind in kinds:
+        number = KINDS.index(kind)
         named = dated = 0
         for moment in range(moments):
             rng = np.random.default_rng([moment, number])
-            onset = rng.uniform(begin + MARGIN, end - MARGIN)
+            onset = rng.uniform(begin + margin, end - margin)
             samples, joints = add_fault(signals, model.predictor, kind, onset, rng)
             fault = search(samples, model.predictor)
             if fault is not None and fault.kind == kind and (kind == "contact" or set(fault.joints) == joints):
@@ -213,8 +239,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="folder of CSV files or bags of one robot")
     parser.add_argument("--robot", required=True, help="description, or the name of a robot that ships")
     parser.add_argument("--snap", type=float, help="largest angle [rad] to a multiple of 90 degrees that is snapped")
+    parser.add_argument(
+        "--friction", choices=("auto", "viscous-coulomb"), default="auto", help="as that of identify (default: auto)"
+    )
     parser.add_argument("--moments", type=int, default=0, help="number of faults of each kind (default: none)")
     parser.add_argument("--detect-in", help="name of the recording that faults are added to (default: the last)")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=KINDS, help="faults to add (default: all)")
+    parser.add_argument("--margin", type=float, default=MARGIN, help="motion before and after a moment [s]")
+    parser.add_argument("--union", action="store_true", help="fit a model to all recordings but one, for each one")
     arguments = parser.parse_args()
     logging.disable(logging.WARNING)
     paths = find_recordings(arguments.folder)
@@ -227,8 +259,8 @@ def main() -> None:
     print_false_alarms(models, recordings)
     if arguments.moments:
         faulty = arguments.detect_in or paths[-1].stem
-        model = next(each for each in models if each.name != faulty)
-        print_detections(model, recordings[faulty], arguments.moments)
+        model = next(each for each in models if faulty not in each.trained_on)
+        print_detections(model, recordings[faulty], arguments.moments, arguments.kinds, arguments.margin)
 
 
 if __name__ == "__main__":

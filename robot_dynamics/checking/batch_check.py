@@ -67,11 +67,18 @@ class Outcome:
         """Whether all joints pass and no fault was found."""
         return self.check is not None and self.check.passed and self.fault is None
 
+    @property
+    def passed_or_not_judged(self) -> bool | None:
+        """As `passed`; None where the recording could not be checked, or no joint can be judged."""
+        if self.check is None:
+            return None
+        return False if self.fault is not None else self.check.passed_or_not_judged
+
     def as_dict(self) -> dict[str, object]:
         """Plain data for JSON."""
         if self.check is None:
             return {"recording": self.recording, "passed": None, "refused": self.error}
-        return {**self.check.as_dict(), "passed": self.passed, "fault": self.fault and vars(self.fault)}
+        return {**self.check.as_dict(), "passed": self.passed_or_not_judged, "fault": self.fault and vars(self.fault)}
 
 
 @dataclass(frozen=True)

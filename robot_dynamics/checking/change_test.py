@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy.stats import f as f_distribution
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.fault_signals import FaultSignals
     from robot_dynamics.checking.whitening import WhiteningFilter
 
-BLOCK_DURATION = 1.0  # [s] over which errors of a model are taken as independent
-OUTLIER_VARIANCE = 15.0  # of the evidence in the worst block, relative to that in the mean of blocks
+INDEPENDENCE_DURATION = 1.0  # [s] over which errors of a model are taken as independent
+MIN_OUTLIER_VARIANCE = 4.0  # of the evidence in the worst block, relative to that in the mean of blocks, at least
+MIN_BLOCK_INFORMATION = 0.3  # of a block that may be the worst one, relative to the mean of blocks
 RIDGE = 1e-3  # regularisation of the response of joints, as a part of the squares of its columns
 MIN_DISTINCT_PART = 3e-3  # of the squares of a change that constant errors of the model do not reproduce: less is noise
 ROUNDING = 1e-6  # regularisation of all other columns
@@ -169,34 +170,76 @@ class ChangeTest:
         columns, joints, is_constant_error: as for `fit`, which returned the change.
         """
         sizes = change.sizes
-        begun = self.whitening(columns, joints)
-        everywhere = self._without_model_errors(begun, joints)
+        everywhere = self.whitening(columns, joints)
+        begun = everywhere.copy()
         begun[: change.row + self.whitening.order] = 0  # without the step at the onset, which one block has alone
         white = self._without_model_errors(begun, joints)
         residuals = self.white_residuals[:, joints]
         if is_constant_error:
-            squares = np.einsum("tja,tjb->ab", everywhere, everywhere)
+            constant = self._without_model_errors(everywhere, joints)
+            squares = np.einsum("tja,tjb->ab", constant, constant)
             inverse = np.linalg.inv(squares + (ROUNDING * np.trace(squares) + 1e-12) * np.eye(len(squares)))
-            white = white - everywhere @ (inverse @ np.einsum("tja,tjb->ab", everywhere, white))
-            residuals = residuals - everywhere @ (inverse @ np.einsum("tja,tj->a", everywhere, residuals))
-        unexplained = residuals - white @ sizes
-        times = self.signals.times
-        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], BLOCK_DURATION)))
-        scores = np.add.reduceat(np.einsum("tja,tj->ta", everywhere, unexplained), starts, axis=0)
-        all_information = np.add.reduceat(np.einsum("tja,tja->t", everywhere, everywhere), starts)
-        information = np.add.reduceat(np.einsum("tja,tja->t", white, white), starts)
-        a = len(sizes)
-        freedom = _effective_number(all_information) - a - 1
-        if freedom < 1 or not sizes.any():
-            return 1.0
-        share = information.sum() / all_information.sum()
-        outliers = 1 + OUTLIER_VARIANCE / _effective_number(information)
-        scatter = share * outliers * (scores.T @ scores) * (1 + (a + 1) / freedom)
+            white = white - constant @ (inverse @ np.einsum("tja,tjb->ab", constant, white))
+            residuals = residuals - constant @ (inverse @ np.einsum("tja,tj->a", constant, residuals))
         product = np.einsum("tja,tj->a", white, residuals)
-        statistic = product @ np.linalg.solve(scatter + 1e-12 * np.trace(scatter) * np.eye(a), product)
-        return float(f_distribution.sf(statistic / a, a, freedom))
+        scatter = self._scatter(everywhere, white, residuals - white @ sizes)
+        if scatter is None or not sizes.any():
+            return 1.0
+        a = len(sizes)
+        statistic = min(
+            product @ np.linalg.solve(covariance + 1e-12 * np.trace(covariance) * np.eye(a), product)
+            for covariance in scatter.covariances
+        )
+        return float(f_distribution.sf(statistic / a, a, scatter.freedom))
+
+    def _scatter(self, everywhere: Array, white: Array, unexplained: Array) -> Scatter | None:
+        """Scatter of the product of a change with the residuals, which errors of the model cause; None for few blocks.
+
+        All blocks of the recording tell how large the products of a block are, as parts of its information: the change
+        itself may have begun a few seconds before the end.
+
+        Parameters
+        ----------
+        everywhere : (N, k, a) white effect, as if the change was there from the first sample on.
+        white : (N, k, a) white effect since the onset, without what constant errors of the model reproduce.
+        unexplained : (N, k) white residuals without the change.
+        """
+        times = self.signals.times
+        starts = np.unique(np.searchsorted(times, np.arange(times[0], times[-1], INDEPENDENCE_DURATION)))
+        products = np.add.reduceat(everywhere * unexplained[..., None], starts, axis=0)  # (B, k, a)
+        all_information = np.add.reduceat(np.square(everywhere).sum(axis=-1), starts, axis=0)  # (B, k)
+        information = np.add.reduceat(np.square(white).sum(axis=-1), starts, axis=0)
+        a = products.shape[-1]
+        freedom = _effective_number(all_information.sum(axis=1)) - a - 1
+        if freedom < 1:
+            return None
+        of_blocks = products.sum(axis=1)  # (B, a)
+        outliers = _largest_ratio(np.square(of_blocks).sum(axis=1), all_information.sum(axis=1))
+        factor = information.sum() / all_information.sum() * (1 + (a + 1) / freedom)
+        factor *= 1 + max(MIN_OUTLIER_VARIANCE, outliers) / _effective_number(information)
+        of_joints = products.reshape(-1, a)
+        return Scatter((factor * of_blocks.T @ of_blocks, factor * of_joints.T @ of_joints), freedom)
+
+
+class Scatter(NamedTuple):
+    """Scatter of products, estimated from the scatter between blocks.
+
+    covariances : (a, a) with errors of joints that are the same, and with errors of joints that are independent.
+    freedom : degrees of freedom.
+    """
+
+    covariances: tuple[Array, Array]
+    freedom: float
+
+
+def _largest_ratio(squares: Array, information: Array) -> float:
+    """Largest ratio of squares (B,) to information (B,) in a block, relative to the ratio in all blocks."""
+    counts = information > MIN_BLOCK_INFORMATION * information.mean()
+    if not squares.any() or not counts.any():
+        return 0.0
+    return float((squares[counts] / information[counts]).max() * information.sum() / squares.sum())
 
 
 def _effective_number(information: Array) -> float:
-    """Number of blocks with equal information that are as few as blocks with this information (B,)."""
+    """Number of blocks with equal information that are as few as blocks with this information (B, ...)."""
     return float(information.sum() ** 2 / max((information**2).sum(), 1e-300))

@@ -11,9 +11,9 @@ import numpy as np
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.checking.comparison import Comparison
-from robot_dynamics.checking.coverage import compute_coverage, recording_failures
+from robot_dynamics.checking.coverage import NOTHING_JUDGED, compute_coverage, recording_failures
 from robot_dynamics.checking.prediction_filter import PredictionFilter
-from robot_dynamics.checking.verdicts import compute_verdicts, effort_limits, tolerated_rms
+from robot_dynamics.checking.verdicts import compute_verdicts, effort_limits, tolerated_rms, undetermined_scale
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.position_limits import note_limit_violations
@@ -67,6 +67,11 @@ class CheckResult:
         return not self.failures and not any(verdict.failed for verdict in self.verdicts)
 
     @property
+    def passed_or_not_judged(self) -> bool | None:
+        """As `passed`; None where nothing fails, but no joint can be judged: a robot that rests throughout."""
+        return None if self.failures == (NOTHING_JUDGED,) else self.passed
+
+    @property
     def not_judged(self) -> tuple[str, ...]:
         """Names of the joints that are not judged."""
         return tuple(verdict.joint.joint for verdict in self.verdicts if verdict.not_judged)
@@ -82,7 +87,7 @@ class CheckResult:
             "format": 1,
             "recording": self.recording,
             "robot": self.robot,
-            "passed": self.passed,
+            "passed": self.passed_or_not_judged,
             "rate": self.rate,
             "cutoff": self.cutoff,
             "duration": self.duration,
@@ -198,6 +203,6 @@ def check(
         verdicts=verdicts,
         failures=tuple(recording_failures(coverage, verdicts, tolerances)),
         segments=segments,
-        notes=(*recording.notes, *statistics.sentences),
+        notes=(*recording.notes, *statistics.sentences, *undetermined_scale(verdicts, tolerances)),
         comparison=comparison,
     )

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, BoolArray
     from robot_dynamics.checking.change_test import ChangeTest
     from robot_dynamics.checking.fault_signals import FaultSignals
     from robot_dynamics.model.joint import Joint
@@ -118,6 +118,7 @@ def _contacts_at_rest(signals: FaultSignals, joints: tuple[Joint, ...]) -> Itera
     )
     bound = STICTION_RATIO * friction + REST_NOISE_RATIO * noise
     excess = np.where(signals.resting & (friction > 0), np.abs(signals.residuals) - bound, -1)
+    excess[~_begins_at_rest(excess > 0, signals.resting)] = -1
     beyond = (excess > 0).any(axis=1)
     edges = np.flatnonzero(np.diff(beyond.astype(int), prepend=0, append=0))
     step = signals.step
@@ -128,6 +129,19 @@ def _contacts_at_rest(signals: FaultSignals, joints: tuple[Joint, ...]) -> Itera
         ratio = (np.abs(signals.residuals[begin:end, loaded]) / bound[loaded]).max()
         start, stop = float(signals.times[begin]), float(signals.times[end - 1]) + step
         yield Contact(start, stop, (start - step, start + step), tuple(loaded.tolist()), MIN_EVIDENCE * ratio**2, True)
+
+
+def _begins_at_rest(beyond: BoolArray, resting: BoolArray) -> BoolArray:
+    """Samples (N, n) beyond the bound, in runs that begin while the joint rests.
+
+    A residual that is there when the joint comes to rest, or from the first sample on, is an error of the model.
+    """
+    kept = np.zeros_like(beyond)
+    for joint, column in enumerate(beyond.T):
+        edges = np.flatnonzero(np.diff(column.astype(int), prepend=0, append=0))
+        for begin, end in zip(edges[::2], edges[1::2], strict=True):
+            kept[begin:end, joint] = begin > 0 and resting[begin - 1, joint]
+    return kept
 
 
 def _robust_deviation(values: Array) -> float:

@@ -10,6 +10,9 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.verdicts import Verdict
 
 
+NOTHING_JUDGED = "no joint can be judged"
+
+
 def compute_coverage(compared: float, recorded: float) -> float:
     """Part of a recorded duration [s] that was compared [s], 0 to 1; 1 where nothing is known to be recorded."""
     return min(1.0, compared / recorded) if recorded > 0 else 1.0
@@ -31,4 +34,4 @@ def recording_failures(coverage: float, verdicts: Sequence[Verdict], tolerances:
     if failure:
         yield failure
     if all(verdict.not_judged for verdict in verdicts):
-        yield "no joint can be judged"
+        yield NOTHING_JUDGED

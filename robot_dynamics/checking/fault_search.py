@@ -9,6 +9,7 @@ size is one that sound robots do not show.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -32,12 +33,13 @@ MIN_DURATION = 2.0  # [s] a shorter change cannot be distinguished from an error
 ITERATIONS = 3
 CANDIDATES = 6  # faults with the largest gains whose likelihoods are compared
 CONSTANT_ERRORS = ("payload", "offset")  # faults whose effect over the whole recording is an error of the model
-MAX_P_VALUE = 3e-5
+MAX_P_VALUE = 6e-4  # of a kind of fault; divided by the number of faults of this kind that may be
 MIN_LOG_LIKELIHOOD = 20.0  # least increase of the logarithm of the likelihood
 MIN_LOG_LIKELIHOOD_PER_SIZE = 10.0  # as above, for each fitted size: more sizes fit errors of the model better
 MIN_EFFECT_RATIO = 0.5  # least RMS of the effect of a fault, relative to that of residuals without fault, in one joint
 MIN_PAYLOAD_RATIO = 1.0  # as above, of a payload, whose four sizes fit errors of the model better
 MAX_ONSET_INTERVAL = 0.3  # longest interval of possible onsets, as a part of the recording
+ONSET_WINDOW = 0.5  # [s] around the onset that is named: that with the largest likelihood
 ONSET_MARGIN = 7.5  # onsets whose logarithm of the likelihood is lower by less are possible onsets
 
 
@@ -119,6 +121,7 @@ class FaultSearch:
         test = ChangeTest(signals, whitening, signals.residuals)
         self.contact = find_contact_in_motion(test)
         hypotheses = list(fault_hypotheses(signals, joints, *masses))
+        self._numbers = Counter(hypothesis.kind for hypothesis in hypotheses)
         fits = [(hypothesis, self._fit(test, hypothesis)) for hypothesis in hypotheses]
         best = sorted(fits, key=lambda each: -each[1].gain)[:CANDIDATES]
         self.candidates = sorted((self._candidate(*each) for each in best), key=lambda each: -each.gain)
@@ -179,7 +182,7 @@ class FaultSearch:
         """Whether no sound robot shows such evidence."""
         return (
             self._is_large(candidate)
-            and candidate.p_value <= MAX_P_VALUE
+            and candidate.p_value * self._numbers[candidate.hypothesis.kind] <= MAX_P_VALUE
             and self._onset_interval(candidate.change) <= MAX_ONSET_INTERVAL * self._duration
         )
 
@@ -212,8 +215,7 @@ class FaultSearch:
         times = self.signals.times
         change = candidate.change
         log_likelihoods = np.where(change.gains > 0, (change.gains - change.gain) / 2, -np.inf)
-        likelihoods = np.cumsum(np.exp(log_likelihoods))
-        onset = float(times[np.searchsorted(likelihoods, 0.5 * likelihoods[-1])])  # the median
+        onset = float(times[_most_likely_row(np.exp(log_likelihoods), round(0.5 * ONSET_WINDOW / self.signals.step))])
         earliest, latest = self._possible_onsets(change)
         names = tuple(self.names[joint] for joint in candidate.hypothesis.joints)
         description = describe(candidate.hypothesis.kind, names, change.sizes, self.link)
@@ -230,6 +232,18 @@ def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:
         f"external contact{where} from {contact.start:.4g} to {contact.end:.4g} s, which loads {', '.join(names)}"
     )
     return Fault("contact", names, contact.start, contact.between, None, None, sentence)
+
+
+def _most_likely_row(likelihoods: Array, reach: int) -> int:
+    """The median row of those, in a window of `reach` rows on each side, that are the most likely of all windows.
+
+    The median of all rows may fall between two likely ones.
+    """
+    reach = min(max(1, reach), (len(likelihoods) - 1) // 2)
+    centre = int(np.argmax(np.convolve(likelihoods, np.ones(2 * reach + 1), "same")))
+    first = max(0, centre - reach)
+    sums = np.cumsum(likelihoods[first : centre + reach + 1])
+    return first + int(np.searchsorted(sums, 0.5 * sums[-1]))
 
 
 def _rms(values: Array, counts: BoolArray) -> Array:

@@ -35,7 +35,7 @@ def _add_cases(suite: ElementTree.Element, result: Mapping[str, Any]) -> None:
     fault = [f"fault: {result['fault']['sentence']}"] if result.get("fault") else []
     failures = [*result["objections"], *fault, *result.get("golden", [])]
     if failures:
-        _add_outcome(whole, "failure", failures)
+        _add_outcome(whole, "error" if result["passed"] is None else "failure", failures)
     worse = {change["joint"]: change["reasons"] for change in result.get("baseline", [])}
     for joint in result["joints"]:
         case = _add_case(suite, result["recording"], joint["joint"])

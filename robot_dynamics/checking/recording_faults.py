@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.position_jumps import PositionJump
 
 MAX_OTHER_JUMP = 0.2  # of the other joints, relative to that of the joint whose encoder jumps
-MAX_MISFIT = 0.3  # of jumps that are not velocity times a duration, relative to the jumps
-BLOCK_DURATION = 1.0  # [s] in which recorded samples are counted
+COUNT_DURATION = 1.0  # [s] in which recorded samples are counted
 MIN_BLOCKS = 3  # before and after the beginning of a loss
 MIN_LOSS = 0.05  # part of the rows that are missing
 LOSS_DEVIATIONS = 6.0  # standard deviations of the counts before and after, by which these differ at least
@@ -41,9 +40,8 @@ def fault_of_jump(jump: PositionJump, joint_names: Sequence[str], step: float) -
         name = joint_names[largest]
         sentence = f"the position of {name} jumps by {jump.sizes[largest]:+.3g} at {jump.time:.4g} s"
         return Fault("offset", (name,), jump.time, between, None, None, sentence)
-    duration = float(jump.sizes @ jump.velocities / (jump.velocities @ jump.velocities))
-    misfit = np.linalg.norm(jump.sizes - duration * jump.velocities)
-    if duration > 0 and misfit <= MAX_MISFIT * np.linalg.norm(jump.sizes):
+    duration = jump.missing_duration
+    if duration is not None:
         sentence = f"rows of {duration:.2g} s are missing at {jump.time:.4g} s, where stamps show no gap"
         return Fault("missing", (), jump.time, between, None, None, sentence)
     return None
@@ -74,7 +72,7 @@ def find_missing_rows(signals: FaultSignals, longest_gap: Gap | None) -> Fault |
 
 def _find_lower_rate(times: Array, recorded: Array) -> Fault | None:
     """Find the time from which fewer rows are recorded; recorded: (N,) rows in each step."""
-    numbers = np.floor((times - times[0]) / BLOCK_DURATION).astype(int)
+    numbers = np.floor((times - times[0]) / COUNT_DURATION).astype(int)
     starts = np.flatnonzero(np.diff(numbers, prepend=-1))
     counts = np.diff([*starts, len(times)])
     complete = counts > 0.5 * np.median(counts)

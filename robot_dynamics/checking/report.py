@@ -73,7 +73,7 @@ def html_report(check: CheckResult) -> str:
         f"<title>{escape(check.recording)} against {escape(check.robot)}</title>",
         f"<link rel='icon' href='data:,'><style>{STYLE}</style>",
         f"<script>{import_plotly('offline').get_plotlyjs()}</script></head><body>",
-        f"<h1>{escape(check.recording)} {_badge('passed' if check.passed else 'failed')}</h1>",
+        f"<h1>{escape(check.recording)} {_badge(_overall_word(check))}</h1>",
         f"<p>against robot <b>{escape(check.robot)}</b>: {check.comparison.samples} samples at {check.rate:.5g} Hz, "
         f"{check.duration:.5g} s, filtered at {check.cutoff:.3g} Hz without delay, {100 * check.coverage:.3g} % of the "
         "recorded time. Efforts are in N m (N for prismatic joints). The residual is measured less predicted effort, "
@@ -90,6 +90,11 @@ def html_report(check: CheckResult) -> str:
             figure.to_html(full_html=False, include_plotlyjs=False, div_id=name, config={"displaylogo": False})
         )
     return "\n".join([*parts, "</body></html>"])
+
+
+def _overall_word(check: CheckResult) -> str:
+    passed = check.passed_or_not_judged
+    return "not judged" if passed is None else "passed" if passed else "failed"
 
 
 def _badge(word: str) -> str:

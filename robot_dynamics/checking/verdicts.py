@@ -190,6 +190,20 @@ def _scale_failures(joint: JointComparison, tolerated: float) -> Iterator[str]:
         )
 
 
+def undetermined_scale(verdicts: Sequence[Verdict], tolerances: Tolerances) -> Iterator[str]:
+    """Yield a sentence where no joint fails, and no scale is so certain that a wrong gain of all joints would show."""
+    joints = [verdict.joint for verdict in verdicts if verdict.passed]
+    is_certain = [
+        SCALE_DEVIATIONS * joint.scale_deviation <= tolerances.of_joint("max_scale_error", joint.joint)
+        for joint in joints
+    ]  # not so where it is nan
+    if joints and not any(verdict.failed for verdict in verdicts) and not any(is_certain):
+        yield (
+            f"scale not determined: efforts of all joints that are {200 * tolerances.max_scale_error:.3g} % too large "
+            "may pass, because the motion is short, or friction is a large part of the efforts"
+        )
+
+
 def _segment_failures(name: str, segments: Sequence[FailedSegment]) -> Iterator[str]:
     own = [segment for segment in segments if segment.joint == name]
     if own:

@@ -56,7 +56,7 @@ def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) 
             for note in outcome.check.notes:
                 print(f"note: {outcome.recording}: {note}")
     passed = sum(1 for outcome in outcomes if outcome.passed)
-    unchecked = sum(1 for outcome in outcomes if outcome.check is None)
+    unchecked = sum(1 for outcome in outcomes if outcome.passed_or_not_judged is None)
     print(f"\n{passed} passed, {len(outcomes) - passed - unchecked} FAILED, {unchecked} not checked")
 
 
@@ -68,7 +68,7 @@ def _outcome_row(outcome: Outcome) -> list[Cell]:
     fault = outcome.fault.sentence if outcome.fault else ""
     return [
         outcome.recording,
-        "passed" if outcome.passed else "FAILED",
+        _overall_word(outcome.passed_or_not_judged),
         outcome.check.comparison.samples,
         outcome.check.first_failure_time,
         "; ".join(filter(None, (", ".join(failed), fault))),
@@ -110,7 +110,7 @@ def format_check(result: CheckResult, passed: bool | None = None, sentences: Seq
 
     passed: verdict that includes the sentences; None: that of the result; sentences: further results, such as a fault.
     """
-    passed = result.passed if passed is None else passed
+    passed = result.passed_or_not_judged if passed is None else passed
     lines = [
         f"{result.recording} against {result.robot!r}: {result.comparison.samples} samples at {result.rate:.5g} Hz, "
         f"{result.duration:.5g} s, filtered at {result.cutoff:.3g} Hz, {100 * result.coverage:.3g} % of the recorded "
@@ -128,8 +128,14 @@ def format_check(result: CheckResult, passed: bool | None = None, sentences: Seq
     lines += result.failures
     onset = result.first_failure_time
     since = "" if onset is None else f", out of tolerance since {onset:.4g} s"
-    verdict_line = f"passed{_except_for(result.not_judged)}" if passed else f"FAILED{since}"
+    details = "" if passed is None else _except_for(result.not_judged) if passed else since
+    verdict_line = f"{_overall_word(passed)}{details}"
     return "\n".join([*lines, *sentences, "", verdict_line])
+
+
+def _overall_word(passed: bool | None) -> str:
+    """The verdict on a recording; passed: None where nothing could be judged."""
+    return "not judged" if passed is None else "passed" if passed else "FAILED"
 
 
 def _except_for(names: Sequence[str]) -> str:

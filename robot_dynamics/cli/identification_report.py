@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.cli.friction_report import friction_as_dict, print_friction
+from robot_dynamics.cli.parameter_rows import parameter_rows
 from robot_dynamics.cli.text_table import print_table, round_to_digits
 from robot_dynamics.identification.validation_verdict import failed_validations, validation_growth
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.cli.friction_report import FrictionResults
     from robot_dynamics.cli.text_table import Cell
     from robot_dynamics.identification.alternatives import Alternative
     from robot_dynamics.identification.determination import Determination
@@ -42,7 +45,8 @@ class IdentificationResults:
     """All that is reported of an identification.
 
     essential: (P,) which parameters are essential; written: the physically consistent robot with its residuals, None if
-    it was not computed; alternatives: simpler models that were tried; gains: None without --gains.
+    it was not computed; alternatives: simpler models that were tried; gains: None without --gains; friction: None if no
+    friction model was tried.
     """
 
     fit: Fit
@@ -51,6 +55,7 @@ class IdentificationResults:
     written: WrittenRobot | None
     alternatives: tuple[Alternative, ...]
     gains: DriveGains | None = None
+    friction: FrictionResults | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -93,7 +98,7 @@ def print_results(results: IdentificationResults) -> None:
     """Print the results of an identification."""
     fit = results.fit
     model = fit.model
-    base_count = len(model.parameter_indices)
+    base_count = model.robot_count
     print(
         f"{model.inertial_count} base parameters with {base_count - model.inertial_count} of friction and "
         f"{len(model.names) - base_count} of drives, {fit.method} least squares over {fit.training_quality.samples} "
@@ -107,6 +112,8 @@ def print_results(results: IdentificationResults) -> None:
         print(f"warning: {warning}")
     for alternative in results.alternatives:
         print(_describe_alternative(alternative))
+    if results.friction is not None:
+        print_friction(results.friction, fit)
     _print_residuals(results)
     print(RESIDUAL_LEGEND)
     _print_parameters(results)
@@ -121,26 +128,16 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
     model = fit.model
     parameters = [
         {
-            "name": name,
-            "sum": expression,
-            "value": float(value),
-            "deviation": float(deviation),
-            "deviation_within_run": float(within_run),
-            "description": float(nominal),
-            "essential": bool(is_essential),
-            "seen": bool(is_seen),
+            "name": row.name,
+            "sum": row.expression,
+            "value": row.value,
+            "deviation": row.deviation,
+            "deviation_within_run": row.deviation_within_run,
+            "description": row.description,
+            "essential": row.is_essential,
+            "seen": row.is_seen,
         }
-        for name, expression, value, deviation, within_run, nominal, is_essential, is_seen in zip(
-            model.names,
-            model.expressions,
-            fit.values,
-            fit.deviations_between_runs,
-            fit.standard_deviations,
-            fit.prior.values,
-            results.essential,
-            fit.seen,
-            strict=True,
-        )
+        for row in parameter_rows(fit, results.essential)
     ]
     determination = results.determination
     written = results.written
@@ -175,6 +172,7 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
             }
             for alternative in results.alternatives
         ],
+        "friction": friction_as_dict(results.friction, fit),
         "warnings": list(results.warnings),
         "notes": [*fit.notes, *results.notes],
         "gains": None if results.gains is None else _gains_as_dicts(results.gains),
@@ -253,20 +251,12 @@ def _rms(quality: FitQuality | None) -> Array | None:
 def _print_parameters(results: IdentificationResults) -> None:
     fit = results.fit
     rows: list[list[Cell]] = []
-    for expression, value, deviation, nominal, is_essential, is_seen in zip(
-        fit.model.expressions,
-        fit.values,
-        fit.deviations_between_runs,
-        fit.prior.values,
-        results.essential,
-        fit.seen,
-        strict=True,
-    ):
-        name = textwrap.shorten(expression, MAX_EXPRESSION_LENGTH, placeholder=" ...")
-        nominal = round_to_digits(nominal, 4)
-        if is_seen:
-            remark = "" if is_essential else "not essential"
-            rows.append([name, round_to_digits(value, 4), round_to_digits(deviation, 2), nominal, remark])
+    for row in parameter_rows(fit, results.essential):
+        name = textwrap.shorten(row.expression, MAX_EXPRESSION_LENGTH, placeholder=" ...")
+        nominal = round_to_digits(row.description, 4)
+        if row.is_seen:
+            remark = "" if row.is_essential else "not essential"
+            rows.append([name, round_to_digits(row.value, 4), round_to_digits(row.deviation, 2), nominal, remark])
         else:
             rows.append([name, None, None, nominal, "not seen"])
     print_table(["parameter", "value", "deviation", "description", ""], rows, "Parameters, SI")
@@ -274,12 +264,16 @@ def _print_parameters(results: IdentificationResults) -> None:
 
 def _print_gains(gains: DriveGains) -> None:
     rows: list[list[Cell]] = [
-        [name, round_to_digits(gain, 5), round_to_digits(deviation, 2)]
-        for name, gain, deviation in zip(
-            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, strict=True
+        [name, round_to_digits(gain, 5), round_to_digits(deviation, 2), "uncertain" if is_uncertain else ""]
+        for name, gain, deviation, is_uncertain in zip(
+            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, gains.uncertain, strict=True
         )
     ]
-    print_table(["motor", "gain", "deviation"], rows, "Drive gains: motor efforts per measured value")
+    print_table(["motor", "gain", "deviation", ""], rows, "Drive gains: motor efforts per measured value")
+    print(
+        "deviation: standard deviation, from the scatter between seconds of motion. uncertain: above "
+        f"{100 * gains.uncertain_above:.0f} %: use a heavier payload, a longer motion, or larger accelerations."
+    )
 
 
 def _quality_as_dict(quality: FitQuality | None) -> dict[str, object] | None:
@@ -290,8 +284,8 @@ def _quality_as_dict(quality: FitQuality | None) -> dict[str, object] | None:
 
 def _gains_as_dicts(gains: DriveGains) -> list[dict[str, object]]:
     return [
-        {"name": name, "gain": float(gain), "deviation": float(deviation)}
-        for name, gain, deviation in zip(
-            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, strict=True
+        {"name": name, "gain": float(gain), "deviation": float(deviation), "uncertain": bool(is_uncertain)}
+        for name, gain, deviation, is_uncertain in zip(
+            gains.drives.names, gains.drives.effort_gains, gains.standard_deviations, gains.uncertain, strict=True
         )
     ]

@@ -6,7 +6,7 @@ printed. Several recordings are checked one by one and summarised.
 
 The exit status is 0 if all recordings pass; 3 if a joint is out of tolerance, too little was compared, predictions
 differ from a golden bag, a joint is worse than in --baseline, or --faults identifies a fault; 1 if no check failed but
-a recording or another file could not be read.
+a recording or another file could not be read, or no joint of a recording can be judged.
 """
 
 from __future__ import annotations
@@ -129,7 +129,8 @@ def _check_one(arguments: Namespace, path: str, files: CheckFiles) -> int:
         raise
     differences = list(golden.failures) if golden else []
     outcome = Outcome(path, replace(result, recording=path), fault)
-    entry = {**outcome.as_dict(), "passed": outcome.passed and not differences, "golden": differences}
+    passed = False if differences else outcome.passed_or_not_judged
+    entry = {**outcome.as_dict(), "passed": passed, "golden": differences}
     changes, notes = _compare_with_baseline(arguments, [entry])
     sentences = differences or ([golden.agreement] if golden else [])
     if arguments.faults:
@@ -140,8 +141,8 @@ def _check_one(arguments: Namespace, path: str, files: CheckFiles) -> int:
         files.write_figures(path, result)
     finally:
         with allow_closed_stdout():
-            print(format_check(result, bool(entry["passed"]), sentences))
-    return 0 if entry["passed"] else EXIT_CHECK_FAILED
+            print(format_check(result, False if entry["passed"] is False else None, sentences))
+    return _exit_status([entry])
 
 
 def _check_many(arguments: Namespace, paths: Sequence[str], files: CheckFiles, executor: Executor | None) -> int:
@@ -168,6 +169,11 @@ def _check_many(arguments: Namespace, paths: Sequence[str], files: CheckFiles, e
         with allow_closed_stdout():
             print_outcomes(outcomes, joints)
             print("\n".join([*notes, *format_changes(changes)]), end="\n" if notes or changes else "")
+    return _exit_status(entries)
+
+
+def _exit_status(entries: Sequence[dict[str, object]]) -> int:
+    """3 where one fails; 1 where one could not be checked or judged; else 0."""
     if any(entry["passed"] is False for entry in entries):
         return EXIT_CHECK_FAILED
     return 0 if all(entry["passed"] for entry in entries) else 1

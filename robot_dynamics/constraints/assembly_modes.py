@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from robot_dynamics.constraints.mobility import close_by_moving
-from robot_dynamics.constraints.newton_iteration import MAX_STEP, MAX_STRIDE
+from robot_dynamics.constraints.newton_iteration import MAX_STEP, SHORT_STRIDE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     Path: TypeAlias = Callable[[BranchTracker, Array, Array], ClosureResult]
     """Leads from closed positions (N, m) to positions (N, n) of the independent joints."""
 
-SHORT_STRIDE = MAX_STRIDE / 5
-"""Longest stride [rad or characteristic lengths] where MAX_STRIDE leads to a wrong branch."""
 MAX_HALVINGS = 30
 """Halvings of the distance to a dead centre."""
 

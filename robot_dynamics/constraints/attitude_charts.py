@@ -19,7 +19,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -315,9 +315,10 @@ def displace(t: Array, step: Array, attitudes: Sequence[AttitudeJoints]) -> Arra
         cosine = np.cos(angles[..., 1])
         is_steep = np.asarray(np.abs(cosine) < STEEP_PITCH_COSINE)
         if not np.all(is_steep):
-            yaw = chart_step[..., 0] / np.where(is_steep, 1.0, cosine)
+            divisor = np.where(is_steep, 1.0, cosine)
+            yaw, roll = angle_steps(chart_step[..., 0], chart_step[..., 2], sine, divisor)
             end[..., columns[0]] = angles[..., 0] + yaw
-            end[..., columns[2]] = angles[..., 2] + chart_step[..., 2] + sine * yaw
+            end[..., columns[2]] = angles[..., 2] + roll
         if np.any(is_steep):
             _assign_columns(end, is_steep, columns, _rotate_angles(angles[is_steep], chart_step[is_steep]))
     return end
@@ -333,12 +334,24 @@ def displacement(begin: Array, end: Array, attitudes: Sequence[AttitudeJoints]) 
         angles_step = step[..., columns]
         sine = np.sin(after[..., 1])
         cosine = np.cos(after[..., 1])
-        step[..., columns[0]] = cosine * angles_step[..., 0]
-        step[..., columns[2]] = angles_step[..., 2] - sine * angles_step[..., 0]
+        yaw, roll = chart_steps(angles_step[..., 0], angles_step[..., 2], sine, cosine)
+        step[..., columns[0]] = yaw
+        step[..., columns[2]] = roll
         is_steep = (np.abs(cosine) < STEEP_PITCH_COSINE) | (np.abs(np.cos(before[..., 1])) < STEEP_PITCH_COSINE)
         if np.any(is_steep):
             _assign_columns(step, is_steep, columns, _chart_displacement(before[is_steep], after[is_steep]))
     return step
+
+
+def angle_steps(yaw: Any, roll: Any, sine: Any, cosine: Any) -> tuple[Any, Any]:
+    """Steps of yaw and roll (...) from those in the chart, with the sine and cosine (...) of pitch; for symbols too."""
+    yaw_step = yaw / cosine
+    return yaw_step, roll + sine * yaw_step
+
+
+def chart_steps(yaw: Any, roll: Any, sine: Any, cosine: Any) -> tuple[Any, Any]:
+    """Steps in the chart from those of yaw and roll (...), with the sine and cosine (...) of pitch; for symbols too."""
+    return cosine * yaw, roll - sine * yaw
 
 
 def _assign_columns(array: Array, samples: BoolArray, columns: list[int], values: Array) -> None:

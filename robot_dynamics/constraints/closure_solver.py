@@ -22,7 +22,7 @@ from robot_dynamics.constraints.branch_tracker import BranchTracker
 from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.constraints.constrained_state import charted_state_at, state_at
 from robot_dynamics.constraints.mobility import NEARLY_CLOSED_RESIDUAL, find_widest_loop
-from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE
+from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE, MIN_QUALITY
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 
@@ -31,11 +31,9 @@ if TYPE_CHECKING:
     from robot_dynamics.constraints.attitude_charts import AttitudeJoints
     from robot_dynamics.constraints.branch_tracker import ClosureResult
     from robot_dynamics.constraints.constrained_state import ConstrainedState
+    from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.model.robot import Robot
 
-MIN_QUALITY = 10 * CLOSURE_TOLERANCE
-"""Least quality of positions whose rates are meaningful. A deviation δ from a singular position leaves a residual of δ²
-only, and the quality is about δ²: positions within CLOSURE_TOLERANCE of a singular one stay below this."""
 BLOCK_SIZE = 2000
 """Samples whose loops are closed together: as many as fit into a cache."""
 
@@ -87,6 +85,11 @@ class ClosureSolver:
         self.independent = self._topology.independent
         self.dependent = self._topology.dependent
         self._names = [joint.name for joint in robot.joints]
+
+    @property
+    def topology(self) -> ConstraintTopology:
+        """Independent and dependent joints, and constants of the loops."""
+        return self._topology
 
     @property
     def attitudes(self) -> tuple[AttitudeJoints, ...]:

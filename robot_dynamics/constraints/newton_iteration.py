@@ -6,11 +6,12 @@ The function that evaluates residuals and steps is an argument: `closure_step.ne
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
+from robot_dynamics.procedures import finite_or_zero, largest, magnitude, procedure, select
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import IntArray
@@ -19,6 +20,12 @@ CLOSURE_TOLERANCE = 1e-11
 """Residual [characteristic lengths, rad] at which a loop is closed."""
 MAX_STRIDE = 0.15
 """Longest stride of a path along closed positions [rad or characteristic lengths]."""
+SHORT_STRIDE = MAX_STRIDE / 5
+"""Longest stride [rad or characteristic lengths] where MAX_STRIDE leads to a wrong branch."""
+
+MIN_QUALITY = 10 * CLOSURE_TOLERANCE
+"""Least quality of positions whose rates are meaningful. A deviation δ from a singular position leaves a residual of δ²
+only, and the quality is about δ²: positions within CLOSURE_TOLERANCE of a singular one stay below this."""
 NEWTON_TOLERANCE = 1e-13
 """Residual [characteristic lengths, rad] below which rounding prevents a further decrease."""
 MAX_ITERATIONS = 40
@@ -69,7 +76,7 @@ def iterate_newton(
     """
     advance = advance or _add_to_columns(dependent)
     if len(t) == 1:
-        end, results = _iterate_sample(evaluate, np.array(t[0]), advance, max_step, iterations, tolerance)
+        end, results = iterate_sample(evaluate, np.array(t[0]), advance, max_step, iterations, tolerance)
         return end[None], [np.asarray(value)[None] for value in results]
     t = np.array(t)
     evaluation = [np.require(value, requirements="W") for value in evaluate(t)]
@@ -95,29 +102,39 @@ def _add_to_columns(dependent: IntArray | Sequence[int]) -> Advance:
     return advance
 
 
-def _iterate_sample(
-    evaluate: StepEvaluator, t: Array, advance: Advance, max_step: Array, iterations: int, tolerance: float
-) -> tuple[Array, Sequence[Array]]:
-    """`iterate_newton` for one sample t (m,)."""
+@procedure
+def iterate_sample(
+    evaluate: StepEvaluator, t: Any, advance: Advance, max_step: Array, iterations: int, tolerance: float
+) -> Any:
+    """`iterate_newton` for one sample t (m,), of numbers or symbols."""
     evaluation = evaluate(t)
+    is_improving: Any = True
     for _ in range(iterations):
         residual = evaluation[0]
-        if not np.abs(residual).max(initial=0) > tolerance:
+        if not (is_improving and largest(magnitude(residual)) > tolerance):
             break
-        step = _limit_step(evaluation[1], max_step)
+        step = _limit_sample_step(evaluation[1], max_step)
         sufficient = SUFFICIENT_DECREASE**2 * (residual @ residual)
         fraction = 1.0
+        is_improving = False
         for _ in range(MAX_HALVINGS):
             trial = advance(t, fraction * step)
             trial_evaluation = evaluate(trial)
             if trial_evaluation[0] @ trial_evaluation[0] < sufficient:
+                t = trial
+                evaluation = trial_evaluation
+                is_improving = True
                 break
-            fraction /= 2
-        else:
-            break
-        t = trial
-        evaluation = trial_evaluation
+            fraction = fraction / 2
     return t, evaluation
+
+
+@procedure
+def _limit_sample_step(step: Any, max_step: Array) -> Any:
+    """`_limit_step` for one sample."""
+    step = finite_or_zero(step)
+    excess = largest(magnitude(step) / max_step)
+    return step / select(excess > 1, excess, 1.0)
 
 
 def _limit_step(step: Array, max_step: Array) -> Array:

@@ -10,6 +10,7 @@ MacKinnon, Nielsen and Webb, "Cluster-robust inference: a guide to empirical pra
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -45,13 +46,19 @@ def block_covariance(blocks: MotionBlocks, weights: Array, directions: Array, va
         Covariance of the coefficients of the directions.
     """
     roots = np.sqrt(weights)[:, None]
-    k = directions.shape[1]
-    covariance = np.zeros((k, k))
-    for factors in blocks.factors:
-        columns, residuals = _weighted_rows(factors, roots, directions, values)
-        scores = _score_without_cluster(columns, residuals)
-        covariance += scores.T @ scores
-    return covariance * _few_blocks_factor(len(blocks))
+    return cluster_covariance(_weighted_rows(factors, roots, directions, values) for factors in blocks.factors)
+
+
+def cluster_covariance(blocks: Iterable[tuple[Array, Array]]) -> Array:
+    """Estimate the covariance (k, k) of the errors of k coefficients from blocks with a cluster for each joint.
+
+    blocks: at least one, with columns (n, rows, k) and residuals (n, rows). The columns of all blocks together are
+    orthonormal.
+    """
+    scores = [_score_without_cluster(columns, residuals) for columns, residuals in blocks]
+    rows = np.concatenate(scores)
+    covariance: Array = rows.T @ rows * _few_blocks_factor(len(scores))
+    return covariance
 
 
 def _few_blocks_factor(count: int) -> float:
@@ -63,7 +70,7 @@ def _few_blocks_factor(count: int) -> float:
 
 
 def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, values: Array) -> Array:
-    """Sums of squares (n,) of the residuals of each block for a fit without this block; arguments as above."""
+    """Sums of squares (B, n) of the residuals of B blocks, each for a fit without this block; arguments as above."""
     roots = np.sqrt(weights)[:, None]
     squares: list[Array] = []
     for factors in blocks.factors:
@@ -72,8 +79,7 @@ def held_out_squares(blocks: MotionBlocks, weights: Array, directions: Array, va
         change = _score_without_cluster(columns.reshape(-1, k), residuals.ravel())
         held_out: Array = (residuals + columns @ change) / roots
         squares.append(np.square(held_out).sum(axis=1))
-    total: Array = np.sum(squares, axis=0)
-    return total
+    return np.array(squares)
 
 
 def _weighted_rows(factors: TriangularFactors, roots: Array, directions: Array, values: Array) -> tuple[Array, Array]:

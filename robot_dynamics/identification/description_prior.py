@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.identification.friction_terms import SHIFT_PARAMETER
 from robot_dynamics.newton_euler.friction import further_friction_parameters
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS
 
@@ -55,19 +56,19 @@ class DescriptionPrior:
 def build_description_prior(model: IdentificationModel, efforts: Array) -> DescriptionPrior:
     """Build the prior of the parameters of a model; efforts: (n,) RMS of the measured efforts."""
     levels = np.maximum(efforts, MIN_EFFORT * max(float(efforts.max(initial=0)), MIN_EFFORT))
-    scales = parameter_scales(model.dynamics.robot)
+    scales = np.concatenate([parameter_scales(model.dynamics.robot), np.ones(len(model.terms))])
     if model.dynamics.robot.is_massless:
         scales *= max(1.0, WEIGHT_PER_EFFORT * float(levels.max()) / MIN_MASS)
     level_of = dict(zip(model.dynamics.joint_names, levels, strict=True))
     divisors = dict(zip(JOINT_PARAMETERS, (TYPICAL_ACCELERATION, TYPICAL_RATE, 1.0), strict=True))
-    divisors |= {"Fva": TYPICAL_RATE, "Fsa": 1.0, "Fst": 1.0}
-    for index, name in enumerate(model.base_parameters.names):
+    divisors |= {"Fva": TYPICAL_RATE, "Fsa": 1.0, "Fst": 1.0, SHIFT_PARAMETER: 1.0}
+    for index, name in enumerate(model.robot_names):
         kind, _, joint = name.partition(".")
         if kind in divisors:
             scales[index] = level_of.get(joint, levels.max()) / divisors[kind]
-    b = len(model.parameter_indices)
-    grouping = model.grouping_matrix
-    values = np.concatenate([grouping @ model.dynamics.parameters, np.zeros(len(model.names) - b)])
+    b = model.robot_count
+    grouping = model.robot_grouping_matrix
+    values = np.concatenate([grouping @ model.robot_parameters, np.zeros(len(model.names) - b)])
     offsets = np.resize(levels, len(model.names) - b)  # losses of coupled motors follow the offsets of the joints
     covariance = np.zeros((len(values), len(values)))
     covariance[:b, :b] = (grouping * scales**2) @ grouping.T

@@ -1,16 +1,18 @@
 """Identification of drive gains, from currents to efforts, together with the parameters of the robot.
 
 A robot with twice the masses and twice the gains gives the same measurements. Some recordings are therefore made with a
-payload of known mass, after Gautier and Briot, "Global identification of drive gains parameters of robots using a known
-payload" (2014). Their total least squares spread the noise over all columns. Only the measured signals are noisy, so
-the residuals used here are those of y_k = (X_k θ + L_k) / γ_k for motor k, where L_k are the efforts that the known
-mass requires.
+payload of known mass, after Gautier and Briot, "Global identification of joint drive gains and dynamic parameters of
+robots" (2014). `gain_problem` has the equations.
+
+Errors of the friction model bias gains, first those of a joint with a vertical axis: its efforts show a payload only by
+accelerations. The friction has more parameters here than in the fit that follows, therefore. Each recording has the
+unknown parameters of its payload for itself: a payload that is mounted again has another centre.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -21,10 +23,11 @@ from robot_dynamics.identification.fitting import (
     residual_variances,
 )
 from robot_dynamics.identification.gain_problem import REQUIREMENT, GainProblem
+from robot_dynamics.identification.gain_uncertainty import gain_covariance, parameter_covariance
 from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.identification.fitting import (
         Fit,
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.recording import Recording
 
 UNKNOWN_COUNT = len(LINK_PARAMETERS) - 1  # unknown parameters of a payload: all but its mass, the last one
-MAX_RELATIVE_DEVIATION = 0.2  # standard deviation of a gain, relative to the gain
+MAX_RELATIVE_DEVIATION = 0.2  # standard deviation of a gain, relative to the gain; beyond it gains are refused
 
 
 @dataclass(frozen=True)
@@ -51,15 +54,15 @@ class Payload:
 class PayloadIdentificationModel:
     """Model of the efforts of k motors with gain 1, from which gains are identified.
 
-    Its columns are those of the robot, UNKNOWN_COUNT columns for each payload, and one column with the efforts that the
-    known masses require. payload_by_recording: payloads by the name of the recording; current_payload: the payload of
-    this recording, None if there is none.
+    Its columns are those of the robot, UNKNOWN_COUNT columns for each recording with a payload, those of
+    `further_friction`, and one column with the efforts that the known masses require.
+
+    payloads: payloads by the name of the recording; recording_name: that of this recording.
     """
 
     model: IdentificationModel
-    payloads: tuple[Payload, ...]
-    payload_by_recording: dict[str, Payload]
-    current_payload: Payload | None = None
+    payloads: dict[str, Payload]
+    recording_name: str | None = None
 
     @property
     def dynamics(self) -> Dynamics:
@@ -68,25 +71,36 @@ class PayloadIdentificationModel:
 
     def for_recording(self, recording: Recording) -> PayloadIdentificationModel:
         """Return the model of one recording."""
-        return replace(self, current_payload=self.payload_by_recording.get(recording.name))
+        return replace(self, recording_name=recording.name)
 
     def efforts(self, motion: Motion) -> Array:
         """Compute the unfiltered efforts (N, k) of the motors."""
         return motion.unfiltered_efforts @ np.linalg.inv(self.model.drives.ratios)
 
     def motion_regressor(self, motion: Motion) -> Array:
-        """Compute the columns (N, k, P + UNKNOWN_COUNT payloads + 1) of a motion."""
+        """Compute the columns (N, k, count) of a motion."""
         Y = self.model.full_regressor(motion.q, motion.qd, motion.qdd, motion.base)
         columns = [self.model.reduce_regressor(Y, motion.qd, motion.qdd)]
         known_efforts = np.zeros((*Y.shape[:2], 1))
-        for payload in self.payloads:
-            link_columns = payload_regressor(self.model.dynamics, payload, Y) * (payload == self.current_payload)
+        for name, payload in self.payloads.items():
+            link_columns = payload_regressor(self.model.dynamics, payload, Y) * (name == self.recording_name)
             columns.append(link_columns[..., :UNKNOWN_COUNT])
             known_efforts += payload.mass * link_columns[..., UNKNOWN_COUNT:]
+        columns.append(further_friction(motion.qd))
         inverse = np.linalg.inv(self.model.drives.ratios)
         regressor = np.concatenate([*columns, known_efforts], axis=-1)
         motor_regressor: Array = np.einsum("jk,Njp->Nkp", inverse, regressor)
         return motor_regressor
+
+
+def further_friction(qd: Array) -> Array:
+    """Columns (N, n, 2 n) of friction between Coulomb and viscous, and beyond viscous: √|q̇| sign(q̇) and q̇ |q̇|.
+
+    They have no scale of speed that must be known.
+    """
+    joints = np.eye(qd.shape[1])
+    curves = (np.sign(qd) * np.sqrt(np.abs(qd)), qd * np.abs(qd))
+    return np.concatenate([curve[..., None] * joints for curve in curves], axis=-1)
 
 
 def payload_regressor(dynamics: Dynamics, payload: Payload, Y: Array) -> Array:
@@ -131,6 +145,15 @@ class UnloadedIdentificationModel:
         """Return the model of one recording."""
         return replace(self, current_payload=self.payloads.get(recording.name))
 
+    def with_same_payloads(self, payloads: dict[str, Payload]) -> UnloadedIdentificationModel:
+        """Return the model with payloads of further recordings: those identified on the same link with the same mass.
+
+        payloads: by the name of the recording.
+        """
+        identified = {body.payload: body for body in reversed(self.payloads.values())}
+        further = {name: identified[payload] for name, payload in payloads.items() if name not in self.payloads}
+        return replace(self, payloads={**self.payloads, **further})
+
     def efforts(self, motion: Motion) -> Array:
         """Compute the unfiltered efforts (N, n) without those that the payload requires."""
         if self.current_payload is None:
@@ -149,19 +172,27 @@ class DriveGains:
     """Identified drive gains.
 
     drives: drives with the identified effort gains (k,); standard_deviations: (k,) of the errors of the gains;
-    covariance: (P, P) of the parameters that were identified with them; model: model to fit recordings with `drives`.
+    covariance: (P, P) of the parameters that were identified with them; model: model to fit recordings with `drives`;
+    uncertain_above: relative standard deviation from which a gain counts as uncertain.
     """
+
+    uncertain_above: ClassVar[float] = 0.05
 
     drives: Drives
     standard_deviations: Array
     covariance: Array
     model: UnloadedIdentificationModel
 
+    @property
+    def uncertain(self) -> BoolArray:
+        """(k,) whether the recordings determine a gain only roughly."""
+        uncertain: BoolArray = self.standard_deviations > self.uncertain_above * np.abs(self.drives.effort_gains)
+        return uncertain
+
     def include_gain_uncertainty(self, fit: Fit) -> Fit:
         """Return a fit to recordings with these gains, with standard deviations that include their uncertainty.
 
-        The deviations of the fit come from the scatter between blocks, those of the gains from white noise. The larger
-        of both is kept.
+        The gains were identified with more parameters of friction and of payloads. The larger deviation is kept.
         """
         standard_deviations = np.sqrt(np.maximum(np.diagonal(self.covariance), np.diagonal(fit.covariance)))
         ratios = standard_deviations / np.maximum(np.sqrt(np.diagonal(self.covariance)), 1e-300)
@@ -170,49 +201,70 @@ class DriveGains:
 
 
 def identify_gains(samples: Samples[PayloadIdentificationModel]) -> DriveGains:
-    """Identify gains by least squares, weighted by motor.
+    """Identify gains by total least squares, weighted by motor.
 
     Raises RecordingError if there are too few samples or the recordings do not determine the gains.
     """
     payload_model = samples.model
     drives = payload_model.model.drives
-    factors, effective_share = require_enough_samples(samples.accumulate_factors())
+    sums = samples.accumulate_factors()
+    factors, white_share = require_enough_samples(sums)
+    assert sums.blocks is not None  # `require_enough_samples` refuses samples without blocks
     problem = GainProblem(factors.triangles)
     _require_signals(drives.names, problem)
     P = problem.parameter_count
-    x = problem.initial_values()
-    for _ in range(REWEIGHTING_ITERATIONS):
-        variance = residual_variances(problem.residual_sum_of_squares(x), problem.y, factors.samples, P)
-        weights = variance.mean() / variance
-        x = problem.minimize(x, weights)
-    variance = residual_variances(problem.residual_sum_of_squares(x), problem.y, factors.samples, P)
-    variance_per_row = np.mean(variance * weights)
-    parameter_covariance, inverse_gain_covariance = (
-        covariance * variance_per_row / effective_share for covariance in problem.covariances(x, weights)
-    )
+    x, weights = _solve(problem, factors.samples)
+    inverse_gain_covariance = gain_covariance(sums.blocks, x, weights, white_share)
     gains = 1 / x[P:]
     standard_deviations = np.sqrt(np.diagonal(inverse_gain_covariance)) * gains**2
     _require_certain_gains(drives.names, gains, standard_deviations)
     identified_drives = replace(drives, effort_gains=drives.effort_gains * gains)
     p = len(payload_model.model.names)
+    count = p + UNKNOWN_COUNT * len(payload_model.payloads)  # of parameters without further friction
+    simpler = problem.restricted(count)
+    x_simpler = simpler.solve_parameters(x[P:], weights)
+    covariance = parameter_covariance(
+        sums.blocks,
+        x_simpler,
+        _inverse_variances(simpler, x_simpler, factors.samples),
+        white_share,
+        inverse_gain_covariance,
+    )
     return DriveGains(
         drives=identified_drives,
         standard_deviations=standard_deviations * np.abs(drives.effort_gains),
-        covariance=parameter_covariance[:p, :p],
+        covariance=covariance[:p, :p],
         model=UnloadedIdentificationModel(
-            replace(payload_model.model, drives=identified_drives), _identified_payloads(payload_model, x[p:P])
+            replace(payload_model.model, drives=identified_drives), _identified_payloads(payload_model, x[p:count])
         ),
     )
+
+
+def _solve(problem: GainProblem, samples: IntArray) -> tuple[Array, Array]:
+    """Solve the problem with weights (k,) from the residuals of each motor; samples: (k,) rows of each motor."""
+    noise_variances = residual_variances(problem.noise_squares(), problem.y, samples, problem.parameter_count)
+    x = problem.initial_values(noise_variances, samples)
+    for _ in range(REWEIGHTING_ITERATIONS):
+        x = problem.minimize(x, _inverse_variances(problem, x, samples))
+    weights = _inverse_variances(problem, x, samples)
+    problem.require_identifiable_gains(x, weights)
+    return x, weights
+
+
+def _inverse_variances(problem: GainProblem, x: Array, samples: IntArray) -> Array:
+    """Compute the inverse variances (k,) of the residuals; samples: (k,) rows of each motor."""
+    squares = problem.residual_sum_of_squares(x)
+    weights: Array = 1 / residual_variances(squares, problem.y, samples, problem.parameter_count)
+    return weights
 
 
 def _identified_payloads(model: PayloadIdentificationModel, values: Array) -> dict[str, IdentifiedPayload]:
     """Collect the payloads by the name of the recording, from the unknown parameters of all payloads."""
     rows = values.reshape(-1, UNKNOWN_COUNT)
-    identified = {
-        payload: IdentifiedPayload(payload, np.append(row, payload.mass))
-        for payload, row in zip(model.payloads, rows, strict=True)
+    return {
+        name: IdentifiedPayload(payload, np.append(row, payload.mass))
+        for (name, payload), row in zip(model.payloads.items(), rows, strict=True)
     }
-    return {name: identified[payload] for name, payload in model.payload_by_recording.items()}
 
 
 def _require_signals(motors: tuple[str, ...], problem: GainProblem) -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.motion_blocks import BLOCK_DURATION, MotionBlocks
+from robot_dynamics.identification.motion_blocks import MOTION_BLOCK_DURATION, MotionBlocks
 from robot_dynamics.identification.sample_sums import FactorSums, QualitySums
 from robot_dynamics.identification.triangular_factors import TriangularFactors
 from robot_dynamics.recordings.position_limits import note_limit_violations
@@ -113,7 +113,7 @@ class Excerpt:
             if values is not None and standard_deviations is not None:
                 deviation = np.abs(rows.y - rows.X @ values) / (HUBER_THRESHOLD * standard_deviations)
                 weights = weights / np.maximum(1, deviation)
-            number = np.floor(rows.times / BLOCK_DURATION).astype(int)
+            number = np.floor(rows.times / MOTION_BLOCK_DURATION).astype(int)
             for block in np.split(np.arange(len(number)), np.flatnonzero(np.diff(number)) + 1):
                 factors = TriangularFactors.from_samples(rows.X[block], rows.y[block], weights[block])
                 if not factors.samples.any():

@@ -24,9 +24,7 @@ from robot_dynamics.identification.seen_directions import (
     error_covariance,
     solve_seen_directions,
 )
-from robot_dynamics.identification.triangular_factors import (
-    solve_least_squares,
-)
+from robot_dynamics.identification.triangular_factors import solve_least_squares
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray, IntArray
@@ -150,11 +148,67 @@ def fit_parameters(
     RecordingError
         If there are too few samples, or the recordings cannot be used.
     """
-    sums = samples.accumulate_factors()
-    factors, effective_share = require_enough_samples(sums)
+    solved = solve_parameters(samples, method=method)
     model = samples.model.identification_model
+    factors = solved.factors
+    solution = solved.solution
+    covariance, inflation = error_covariance(solved.prior, solution, solved.scatter, solved.white_share)
+    standard_deviations = np.sqrt(np.diagonal(covariance))
+    excitation = solve_least_squares(*factors.weighted_system(solution.weights))
+    seen = excitation.excited & (standard_deviations < MAX_DEVIATION_OF_SEEN * solved.prior.deviations)
+    held_out = held_out_squares(solved.blocks, solution.weights, solution.directions, solution.values).sum(axis=0)
+    return Fit(
+        model=model,
+        values=solution.values,
+        standard_deviations=standard_deviations,
+        covariance=covariance,
+        prior=solved.prior,
+        seen=seen,
+        directions=solution.directions,
+        condition=excitation.condition,
+        blocks=solved.blocks,
+        factors=factors,
+        white_share=solved.white_share,
+        noise_inflation=inflation,
+        weights=1 / _variances(factors, solution),
+        held_out_rms=np.sqrt(held_out / np.maximum(factors.samples, 1)),
+        training_quality=samples.quality(solution.values),
+        validation_quality=None if validation is None else validation.quality(solution.values),
+        method=method,
+        warnings=(
+            *excitation_warnings(model, excitation.excited),
+            *block_warnings(solved.blocks),
+            *sign_warnings(model, solution.values, standard_deviations, seen),
+        ),
+        notes=tuple(samples.notes),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class SolvedParameters:
+    """Values of a fit without their uncertainty and quality.
+
+    scatter: (k, k) covariance of the errors along the k directions of the solution, from the scatter between blocks;
+    white_share: number of independent samples per row.
+    """
+
+    solution: SeenSolution
+    scatter: Array
+    prior: DescriptionPrior
+    blocks: MotionBlocks
+    factors: TriangularFactors
+    white_share: float
+
+
+def solve_parameters(samples: Samples[JointEffortModel], *, method: FitMethod = "weighted") -> SolvedParameters:
+    """Find the values of a fit in one pass over the samples, or several with the robust method.
+
+    Raises RecordingError if there are too few samples, or the recordings cannot be used.
+    """
+    sums = samples.accumulate_factors()
+    factors, white_share = require_enough_samples(sums)
     efforts = factors.effort_rms
-    prior = build_description_prior(model, efforts)
+    prior = build_description_prior(samples.model.identification_model, efforts)
     weights = 1 / np.maximum(efforts, 1e-6 * efforts.max()) ** 2
     weights = weights if method != "ordinary" else np.full_like(weights, weights.mean())
     solution = solve_seen_directions(factors, prior, weights, 0.0)
@@ -162,42 +216,12 @@ def fit_parameters(
         variance = _variances(factors, solution)
         if method == "robust":
             sums = samples.accumulate_factors(solution.values, np.sqrt(variance))
-            factors, effective_share = require_enough_samples(sums)
+            factors, white_share = require_enough_samples(sums)
         weights = 1 / variance if method != "ordinary" else np.full_like(variance, 1 / variance.mean())
-        solution = solve_seen_directions(factors, prior, weights, effective_share)
+        solution = solve_seen_directions(factors, prior, weights, white_share)
     assert sums.blocks is not None  # `require_enough_samples` refuses samples without blocks
-    solution, scatter = drop_uncertain_directions(sums.blocks, factors, prior, solution, effective_share)
-    covariance, inflation = error_covariance(prior, solution, scatter, effective_share)
-    standard_deviations = np.sqrt(np.diagonal(covariance))
-    excitation = solve_least_squares(*factors.weighted_system(solution.weights))
-    seen = excitation.excited & (standard_deviations < MAX_DEVIATION_OF_SEEN * prior.deviations)
-    variance = _variances(factors, solution)
-    held_out = held_out_squares(sums.blocks, solution.weights, solution.directions, solution.values)
-    return Fit(
-        model=model,
-        values=solution.values,
-        standard_deviations=standard_deviations,
-        covariance=covariance,
-        prior=prior,
-        seen=seen,
-        directions=solution.directions,
-        condition=excitation.condition,
-        blocks=sums.blocks,
-        factors=factors,
-        white_share=effective_share,
-        noise_inflation=inflation,
-        weights=1 / variance,
-        held_out_rms=np.sqrt(held_out / np.maximum(factors.samples, 1)),
-        training_quality=samples.quality(solution.values),
-        validation_quality=None if validation is None else validation.quality(solution.values),
-        method=method,
-        warnings=(
-            *excitation_warnings(model, excitation.excited),
-            *block_warnings(sums.blocks),
-            *sign_warnings(model, solution.values, standard_deviations, seen),
-        ),
-        notes=tuple(samples.notes),
-    )
+    solution, scatter = drop_uncertain_directions(sums.blocks, factors, prior, solution, white_share)
+    return SolvedParameters(solution, scatter, prior, sums.blocks, factors, white_share)
 
 
 def require_enough_samples(sums: FactorSums) -> tuple[TriangularFactors, float]:

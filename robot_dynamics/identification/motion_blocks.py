@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray, IntArray
     from robot_dynamics.identification.triangular_factors import TriangularFactors
 
-BLOCK_DURATION = 1.0  # [s]
+MOTION_BLOCK_DURATION = 1.0  # [s]
 MAX_BLOCKS = 64
 MAX_SHIFT = 0.5  # of a block, between a motion and its repetition
 POSITION_TOLERANCE = 0.1  # of the travel of a joint in a block, within which a motion counts as repeated
@@ -41,19 +41,23 @@ class MotionSummary(NamedTuple):
     @classmethod
     def of_samples(cls, q: Array, qd: Array) -> MotionSummary:
         """Summarise the samples (N, n) of one block."""
-        accelerations = (qd[-1] - qd[0]) / BLOCK_DURATION
-        return cls(q.mean(0), qd.mean(0), accelerations, np.abs(qd).mean(0) * BLOCK_DURATION)
+        accelerations = (qd[-1] - qd[0]) / MOTION_BLOCK_DURATION
+        return cls(q.mean(0), qd.mean(0), accelerations, np.abs(qd).mean(0) * MOTION_BLOCK_DURATION)
 
     def repetitions(self, block: MotionSummary) -> BoolArray:
         """Which of S motions (S, n) are the same as that of one block (n,), but for a shift in time."""
         velocity = 0.5 * (self.velocities + block.velocities)
         distance = block.positions - self.positions
         speed = np.maximum((velocity**2).sum(-1), 1e-12)
-        shift = np.clip((distance * velocity).sum(-1) / speed, -MAX_SHIFT * BLOCK_DURATION, MAX_SHIFT * BLOCK_DURATION)
+        shift = np.clip(
+            (distance * velocity).sum(-1) / speed, -MAX_SHIFT * MOTION_BLOCK_DURATION, MAX_SHIFT * MOTION_BLOCK_DURATION
+        )
         tolerance = POSITION_TOLERANCE * np.maximum(self.travel, block.travel) + MIN_TOLERANCE
         change = shift[:, None] * 0.5 * (self.accelerations + block.accelerations)
         near = np.abs(distance - shift[:, None] * velocity) < tolerance
-        similar = np.abs(block.velocities - self.velocities - change) < VELOCITY_TOLERANCE * tolerance / BLOCK_DURATION
+        similar = (
+            np.abs(block.velocities - self.velocities - change) < VELOCITY_TOLERANCE * tolerance / MOTION_BLOCK_DURATION
+        )
         same: BoolArray = (near & similar).all(-1)
         return same
 

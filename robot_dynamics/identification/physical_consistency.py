@@ -10,7 +10,7 @@ the description. The problem is convex.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import ModuleType
 from typing import TYPE_CHECKING
 
@@ -19,11 +19,11 @@ from scipy import sparse
 
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.identification.description_prior import CHARACTERISTIC_LENGTH, parameter_scales
-from robot_dynamics.model.inertia import Inertia, symmetric_matrix
+from robot_dynamics.identification.friction_terms import SHIFT_PARAMETER
+from robot_dynamics.identification.identified_robot import identified_drives, identified_robot
 from robot_dynamics.newton_euler.friction import FRICTION_PARAMETERS
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
-from robot_dynamics.recordings.drives import DRIVE_PARAMETERS
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.drives import Drives
 
-MAX_LOAD_FRICTION = 0.99  # from 1 on, friction would hold any load
 PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
 OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
 MIN_EIGENVALUE = 1e-7  # smallest eigenvalue of a pseudo-inertia, in units of the scale of its link
@@ -130,17 +129,17 @@ def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
     """
     model = fit.model
     robot = model.dynamics.robot
-    names = model.base_parameters.names
+    names = model.robot_names
     p = len(names)
-    b = len(model.parameter_indices)
+    b = model.robot_count
     drive_count = len(model.names) - b
     A, y = fit.factors.weighted_system(fit.weights)
     grouping = np.zeros((len(model.names), p + drive_count))
-    grouping[:b, :p] = model.grouping_matrix
+    grouping[:b, :p] = model.robot_grouping_matrix
     grouping[b:, p:] = np.eye(drive_count)
-    prior = np.concatenate([model.dynamics.parameters, np.zeros(drive_count)])
+    prior = np.concatenate([model.robot_parameters, np.zeros(drive_count)])
     prior_weights = np.concatenate([np.full(p, PRIOR_WEIGHT), np.full(drive_count, OFFSET_PRIOR_WEIGHT)])
-    scale = np.concatenate([parameter_scales(robot), np.ones(drive_count)])
+    scale = np.concatenate([parameter_scales(robot), np.ones(len(model.terms) + drive_count)])
     H = A @ grouping * scale
     gradient = -(H.T @ y + prior_weights * prior / scale)
     constraints = [*_joint_constraints(model, scale), *_link_constraints(model, scale)]
@@ -148,19 +147,28 @@ def fit_consistent_robot(fit: Fit) -> ConsistentRobot:
     values = grouping @ x
     is_link = np.array([name.partition(".")[0] in LINK_PARAMETERS for name in names])
     distance = float(np.sqrt(np.mean(np.square((x - prior) / scale)[:p][is_link])))
-    return ConsistentRobot(_replace_parameters(robot, names, x[:p]), _replace_drives(model, values), values, distance)
+    return ConsistentRobot(
+        identified_robot(model, dict(zip(names, x[:p].tolist(), strict=True))),
+        identified_drives(model, values),
+        values,
+        distance,
+    )
 
 
 def _joint_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
-    """Keep friction and rotor inertias positive, and rotor inertias constant if they are not identified."""
+    """Keep friction and rotor inertias positive, and what is not identified constant: rotor inertias.
+
+    Shifts of Stribeck velocities are zero, so that the efforts of the written robot are those of its columns.
+    """
     clarabel = import_convex_solver()
-    names = model.base_parameters.names
+    names = model.robot_names
     columns = [column for column, name in enumerate(names) if name.partition(".")[0] in JOINT_PARAMETERS]
     fit_rotors = _has_rotor_columns(model)
     free = [column for column in columns if fit_rotors or not names[column].startswith("Ia.")]
     constant = sorted(set(columns) - set(free))
+    constant += [column for column, name in enumerate(names) if name.startswith(f"{SHIFT_PARAMETER}.")]
     if constant:
-        bounds = [-model.dynamics.parameters[column] / scale[column] for column in constant]
+        bounds = [-model.robot_parameters[column] / scale[column] for column in constant]
         yield _ConeConstraint(
             clarabel.ZeroConeT(len(constant)), [_unit_row(column, len(scale)) for column in constant], bounds
         )
@@ -242,45 +250,3 @@ def _minimize(P: Array, q: Array, constraints: list[_ConeConstraint]) -> Array:
             f"no physically consistent robot fits the recordings: the solver clarabel stops with {solution.status}"
         )
     return np.array(solution.x)
-
-
-def _replace_parameters(robot: Robot, names: tuple[str, ...], parameters: Array) -> Robot:
-    """Return the robot with other parameters (p,)."""
-    values = dict(zip(names, parameters.tolist(), strict=True))
-    links = list(robot.links)
-    for index, link in enumerate(links):
-        if index == 0 and not robot.moving_base:
-            continue
-        entries = {key: values[f"{key}.{link.name}"] for key in LINK_PARAMETERS}
-        first_moments = np.array([entries["MX"], entries["MY"], entries["MZ"]])
-        second_moments = symmetric_matrix(*(entries[key] for key in LINK_PARAMETERS[:6]))
-        links[index] = replace(link, inertia=Inertia(entries["M"], first_moments, second_moments))
-    joints = []
-    for joint in robot.joints:
-        rotor_inertia, viscous, coulomb = (max(0.0, values[f"{key}.{joint.name}"]) for key in JOINT_PARAMETERS)
-        stribeck = max(-coulomb, values.get(f"Fst.{joint.name}", 0.0))
-        dry = coulomb + min(stribeck, 0.0)
-        joints.append(
-            replace(
-                joint,
-                rotor_inertia=rotor_inertia,
-                viscous_friction=viscous,
-                coulomb_friction=coulomb,
-                viscous_asymmetry=min(max(values.get(f"Fva.{joint.name}", 0.0), -viscous), viscous),
-                coulomb_asymmetry=min(max(values.get(f"Fsa.{joint.name}", 0.0), -dry), dry),
-                stribeck_friction=stribeck,
-                load_friction=min(max(values.get(f"mu.{joint.name}", 0.0), 0.0), MAX_LOAD_FRICTION),
-            )
-        )
-    return replace(robot, links=tuple(links), joints=tuple(joints))
-
-
-def _replace_drives(model: IdentificationModel, values: Array) -> Drives:
-    """Return the drives with the offsets and the losses of coupled motors among values (P,)."""
-    b = len(model.parameter_indices)
-    n = len(model.dynamics.joint_names)
-    losses = values[b + n :].reshape(-1, len(DRIVE_PARAMETERS)).tolist()
-    coupling_parameters = {
-        motor: tuple(motor_losses) for motor, motor_losses in zip(model.drives.coupling_ratios, losses, strict=True)
-    }
-    return replace(model.drives, effort_offsets=values[b : b + n].copy(), coupling_parameters=coupling_parameters)

@@ -61,6 +61,9 @@ class DynamicsTerms(JointCoordinates):
         -----
         Source: Khalil, sections 3.3.1 and 7.1.
         """
+        result = self._attempt("inertia_matrix", q)
+        if result is not None:
+            return result
         q = self._check_positions(q)
         return self._evaluate("inertia_matrix", {"q": q}, lambda: self._inertia_matrix(q), {})
 
@@ -91,6 +94,9 @@ class DynamicsTerms(JointCoordinates):
         InvalidInputError, SingularModelError
             As `inertia_matrix`.
         """
+        result = None if base is not None else self._attempt("gravity", q)
+        if result is not None:
+            return result
         q = self._check_positions(q)
 
         def recursion() -> Array:
@@ -121,6 +127,9 @@ class DynamicsTerms(JointCoordinates):
         InvalidInputError, SingularModelError
             As `inertia_matrix`.
         """
+        result = None if base is not None else self._attempt("coriolis", q, qd)
+        if result is not None:
+            return result
         q = self._check_positions(q)
 
         def recursion() -> Array:
@@ -268,6 +277,17 @@ class DynamicsTerms(JointCoordinates):
         with np.errstate(all="ignore"):
             efforts = state.projected(spring_force(self.robot, state.q, state.expand_rates(qd)))
         return broadcast_result(efforts, common_batch_shape(state.q, qd))
+
+    def _attempt(self, model: str, *arguments: ArrayLike) -> Array | None:
+        """Return the result of a model in machine code, None where it is not ready, does not fit, or is not valid.
+
+        The arguments are not checked before: what does not fit takes the other way, which says what is wrong.
+        """
+        for attempt in self._attempts.get(model, ()):
+            result: Array | None = attempt(*arguments)
+            if result is not None:
+                return result
+        return None
 
     def _evaluate(
         self, model: str, arguments: Mapping[str, Array], recursion: Callable[[], Array], options: Mapping[str, object]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +24,8 @@ class JointCoordinates:
     def __init__(self, robot: Robot, closure_solver: ClosureSolver) -> None:
         self.robot = robot
         self._closure_solver = closure_solver
+        # by model, functions that compute it for one sample and check everything; filled once they are compiled
+        self._attempts: Mapping[str, tuple[Callable[..., Array | None], ...]] = {}
         self.all_joint_names: tuple[str, ...] = tuple(joint.name for joint in robot.joints)
         independent = self._closure_solver.independent
         self.joint_names: tuple[str, ...] = tuple(self.all_joint_names[number] for number in independent)

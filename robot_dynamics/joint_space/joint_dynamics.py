@@ -81,6 +81,10 @@ class JointDynamics(DynamicsTerms):
         -----
         Source: Khalil, sections 3.2, 6 and 7.2.
         """
+        if base is None and external_wrenches is None:
+            result = self._attempt("inverse", q, qd, qdd)
+            if result is not None:
+                return result
         q = self._check_positions(q)
         arguments = {
             "q": q,
@@ -128,6 +132,10 @@ class JointDynamics(DynamicsTerms):
         -----
         Source: Khalil, sections 3.3.2, 6 and 7.3.
         """
+        if base is None and external_wrenches is None:
+            result = self._attempt("direct", q, qd, efforts)
+            if result is not None:
+                return result
         q = self._check_positions(q)
         arguments = {
             "q": q,

@@ -1,7 +1,12 @@
 """Calls of services that end: with a response, or with TimeoutError."""
 
+from __future__ import annotations
+
 import time
-from typing import Any
+from collections import deque
+from collections.abc import Mapping, Sequence
+from itertools import islice
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 from rcl_interfaces.msg import SetParametersResult
@@ -10,12 +15,22 @@ from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.task import Future
 
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
+from robot_dynamics.nodes.batch_messages import make_batch_requests, read_batch_responses
+from robot_dynamics.nodes.qos import SERVICE_QOS
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ArrayLike
+    from robot_dynamics.nodes.batch_messages import BatchResult
 
 # A server can receive the first request of a client before it has discovered where the client listens. The middleware
 # then drops the response, so a first request without a response within this time [s] is sent again.
 DISCOVERY_TIME = 2.0
+# Points in a request of `call_batch`, so that messages have some 100 kB, and requests that are sent before a response.
+POINTS_PER_REQUEST = 1000
+REQUESTS_IN_FLIGHT = 2
 
 
 def _to_parameter(name: str, value: object) -> Parameter:
@@ -69,24 +84,88 @@ class ServiceClient:
         deadline = time.monotonic() + timeout
         client = self._clients.get(service)
         if client is None:
-            client = self._clients[service] = self.node.create_client(kind, service)
+            client = self._clients[service] = self.node.create_client(kind, service, qos_profile=SERVICE_QOS)
         if not client.wait_for_service(timeout):
             raise TimeoutError(f"service {service} did not appear within {timeout} s")
         sent = time.monotonic()
         patience = DISCOVERY_TIME
-        future = client.call_async(request)
-        while not future.done():
-            now = time.monotonic()
-            if now > deadline:
+        futures = [client.call_async(request)]
+        try:
+            while not any(future.done() for future in futures):
+                now = time.monotonic()
+                if now > deadline:
+                    raise TimeoutError(f"service {service} did not respond within {timeout} s")
+                if service not in self._responsive_services and now > sent + patience:
+                    sent = now
+                    patience *= 2
+                    futures.append(client.call_async(request))  # a response to an earlier one may still come
+                self._executor.spin_once(timeout_sec=0.1)
+        finally:
+            for future in futures:
                 client.remove_pending_request(future)
-                raise TimeoutError(f"service {service} did not respond within {timeout} s")
-            if service not in self._responsive_services and now > sent + patience:
-                client.remove_pending_request(future)
-                sent = now
-                patience *= 2
-                future = client.call_async(request)
-            self._executor.spin_once(timeout_sec=0.1)
         self._responsive_services.add(service)
+        return next(future.result() for future in futures if future.done())
+
+    def call_batch(
+        self,
+        kind: type,
+        service: str,
+        joint_names: Sequence[str],
+        *,
+        external_wrenches: Mapping[str, ArrayLike] | None = None,
+        points_per_request: int = POINTS_PER_REQUEST,
+        timeout: float = 30.0,
+        **fields: Any,
+    ) -> BatchResult:
+        """Call a service with flat arrays, and return its response as arrays.
+
+        Many points are sent in several requests: the middleware sends messages of megabytes slowly, and again if parts
+        of them are lost.
+
+        Parameters
+        ----------
+        kind, service
+            As for `call`; `kind` is InverseDynamicsBatch, DirectDynamicsBatch or DynamicsTermsBatch.
+        joint_names : columns of positions, velocities and so on.
+        external_wrenches : {link: (N, 6), or (6,) that acts at every point}.
+        points_per_request : largest number of points in a request.
+        timeout : for the service to appear, and for each response [s].
+        fields : fields of the request: arrays (N, columns), or (columns,) that hold at every point; other fields as the
+            service has them, for example ``motion=True``.
+
+        Raises
+        ------
+        InvalidInputError
+            The numbers of points differ, the service has no such field, or it refused a request.
+        TimeoutError
+            As for `call`.
+        """
+        requests = make_batch_requests(kind, joint_names, external_wrenches, fields, points_per_request)
+        responses = [self.call(kind, service, requests[0], timeout)]
+        client = self._clients[service]
+        unsent = iter(requests[1:])
+        waiting: deque[Future] = deque()
+        try:
+            while responses[-1].success and len(responses) < len(requests):
+                waiting += map(client.call_async, islice(unsent, REQUESTS_IN_FLIGHT - len(waiting)))
+                responses.append(self._wait(waiting[0], service, timeout))
+                waiting.popleft()
+        finally:
+            for future in waiting:
+                client.remove_pending_request(future)
+        if not responses[-1].success:
+            first = (len(responses) - 1) * points_per_request
+            place = f" from point {first} on, which is point 0 there" if first else ""
+            raise InvalidInputError(f"{service} refused the request{place}: {responses[-1].message}")
+        return read_batch_responses(responses, [request.count for request in requests])
+
+    def _wait(self, future: Future, service: str, timeout: float) -> Any:
+        """Return the response of a request that has been sent to a service. Raises TimeoutError."""
+        deadline = time.monotonic() + timeout
+        while not future.done():
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"service {service} did not respond within {timeout} s")
+            self._executor.spin_once(timeout_sec=0.1)
         return future.result()
 
     def set_parameters(self, node_name: str, values: dict[str, object], timeout: float = 30.0) -> SetParametersResult:

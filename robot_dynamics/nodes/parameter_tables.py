@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from robot_dynamics.nodes import robot_source
 from robot_dynamics.nodes.computed_torque import parameters as computed_torque
+from robot_dynamics.nodes.dynamics_server import parameters as dynamics_server
 from robot_dynamics.nodes.mobile_base_simulator import parameters as mobile_base_simulator
 from robot_dynamics.nodes.replay_check import parameters as replay_check
 
@@ -16,11 +17,12 @@ if TYPE_CHECKING:
 
 NODES: dict[str, ParameterSpecs] = {
     "all": robot_source.PARAMETERS,
+    "dynamics_server": dynamics_server.PARAMETERS,
     "computed_torque": computed_torque.PARAMETERS,
     "mobile_base_simulator": mobile_base_simulator.PARAMETERS,
     "replay_check": replay_check.PARAMETERS,
 }
-"""Parameters by node; "all": of every node, and those of dynamics_server."""
+"""Parameters by node; "all": of every node."""
 
 HEADER = ("parameter", "default", "unit", "range", "read", "description")
 

@@ -10,3 +10,7 @@ LATEST_ONLY_QOS = QoSProfile(depth=1)
 
 LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of descriptions: later subscribers receive the last message."""
+
+SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Of services with many clients, which share the history of requests and that of responses. With the default depth of
+10, ten short responses replace a long one that is still being sent, and requests of 11 clients replace each other."""

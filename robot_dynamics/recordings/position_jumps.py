@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, BoolArray
     from robot_dynamics.recordings.alignment import SignalSegment
 
 MIN_JUMP = 0.01  # [rad or m]
@@ -25,6 +25,8 @@ MAX_RINGING = 0.25  # of the step after a jump, relative to the jump: interpolat
 NEIGHBOUR_DURATION = 0.08  # [s] before and after a jump that tells the velocity
 MIN_NEIGHBOURS, MAX_NEIGHBOURS = 3, 8  # steps in it
 MAX_VELOCITY_CHANGE = 0.3  # of the velocity at a jump, relative to the velocity that it appears to have
+MAX_SIZE_AT_REST = 0.05  # of the jump of a joint that does not jump, relative to the largest jump
+MAX_MISFIT = 0.3  # of a jump that is not velocity times a duration, relative to the jump
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +43,39 @@ class PositionJump:
     time: float
     sizes: Array
     velocities: Array
+
+    @property
+    def missing_duration(self) -> float | None:
+        """Time [s] of the motion that is missing, where all joints jump along their velocities; else None.
+
+        Rows that are missing make such a jump. An encoder that is set anew makes another one, or one joint jumps alone.
+        """
+        power = float(self.velocities @ self.velocities)
+        sizes = np.sort(np.abs(self.sizes))
+        if not power > 0 or (len(sizes) > 1 and sizes[-2] <= MAX_SIZE_AT_REST * sizes[-1]):
+            return None
+        duration = float(self.sizes @ self.velocities) / power
+        misfit = np.linalg.norm(self.sizes - duration * self.velocities)
+        return duration if duration > 0 and misfit <= MAX_MISFIT * np.linalg.norm(self.sizes) else None
+
+
+def find_encoder_jumps(position: Array, rate: float) -> BoolArray:
+    """Find rows whose change from the row before is one of encoders, not of the motion nor of rows that are missing.
+
+    Parameters
+    ----------
+    position : (M, k) of samples that are nearly evenly spaced.
+    rate : samples per second.
+
+    Returns
+    -------
+    (M,) whether a row is such a row; a jump that is spread over some rows has all of them.
+    """
+    rows = np.zeros(len(position), dtype=bool)
+    for first, last, sizes, velocities in _find_jumps(position, rate):
+        if PositionJump(last / rate, sizes, velocities).missing_duration is None:
+            rows[first : last + 1] = True
+    return rows
 
 
 def split_at_jumps(segment: SignalSegment, columns: int) -> Iterator[SignalSegment]:

@@ -95,7 +95,7 @@ class Recording:
             Where signals of joints are missing, or the samples are too few.
         """
         statistics = SampleStatistics() if statistics is None else statistics
-        samples = self.sample_range.select(self.source.samples(self.topics, self.base))
+        samples = self.sample_range.select(self.source.samples(self.topics, self.base), statistics)
         samples = count_duration(samples, statistics)
         names = self.drives.names + (BASE_SIGNALS if self.base is not None else ())
         return resample_samples(samples if progress is None else progress(samples), names, statistics, rate)

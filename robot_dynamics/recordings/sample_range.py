@@ -7,8 +7,11 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from robot_dynamics.recordings.stray_start import skip_stray_start
+
 if TYPE_CHECKING:
     from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,8 @@ class SampleRange:
 
     Attributes
     ----------
-    start, end : times [s] after the first message, by stamps; `end` is not included. None: no limit.
+    start, end : times [s] after the first message that `skip_stray_start` does not skip, by stamps; `end` is not
+        included. None: no limit.
     first, last : numbers of messages, the first one being 0; `last` is not included. None: no limit.
     """
 
@@ -28,10 +32,10 @@ class SampleRange:
     first: int | None = None
     last: int | None = None
 
-    def select(self, samples: Iterable[JointSample]) -> Iterator[JointSample]:
-        """Yield the samples in the range."""
+    def select(self, samples: Iterable[JointSample], statistics: SampleStatistics) -> Iterator[JointSample]:
+        """Yield the samples in the range; `statistics` counts those that are skipped for their stamps."""
         origin: int | None = None
-        for number, sample in enumerate(islice(samples, self.last)):
+        for number, sample in skip_stray_start(islice(samples, self.last), statistics):
             stamp = sample.stamp or sample.receive_time
             origin = stamp if origin is None else origin
             time = (stamp - origin) / 1e9

@@ -1,6 +1,7 @@
 """Counts of the samples of a recording that were skipped or replaced, for the notes of each report."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -58,6 +59,7 @@ class SampleStatistics:
     recorded_duration : time [s] that the messages cover, without pauses of more than a second.
     joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
     sampling_times : {topic or file: largest delay of its stamps, period of its sender [s]}, where stamps jitter.
+    stray_start : sentence on samples at the start that were skipped for their stamps; empty: none.
     """
 
     counts: Counter[CountName] = field(default_factory=Counter)
@@ -67,6 +69,7 @@ class SampleStatistics:
     recorded_duration: float = 0.0
     joints: dict[str, dict[str, None]] = field(default_factory=dict)
     sampling_times: dict[str, tuple[float, float]] = field(default_factory=dict)
+    stray_start: str = ""
 
     def note_joint(self, sentence: str, name: str) -> None:
         """Add a joint to those that a sentence holds for; beyond `MAX_NAMES` only "and others" is added."""
@@ -81,6 +84,18 @@ class SampleStatistics:
         largest, _ = self.sampling_times.get(source, (0.0, period))
         self.sampling_times[source] = max(largest, delay), period
 
+    def note_stray_start(self, stamps: Sequence[float], first_stamp: float) -> None:
+        """Note that the first messages, with these stamps [s], were skipped; first_stamp: of the next message [s]."""
+        if len(stamps) == 1:
+            skipped = f"message was skipped: its stamp is {stamps[0]:.13g} s"
+        else:
+            skipped = (
+                f"{len(stamps)} messages were skipped: their stamps are from {min(stamps):.13g} to {max(stamps):.13g} s"
+            )
+        self.stray_start = (
+            f"the first {skipped}, and the stamps of the messages that follow begin at {first_stamp:.13g} s"
+        )
+
     @property
     def sentences(self) -> list[str]:
         """Notes for a report; empty where nothing was skipped or replaced."""
@@ -90,4 +105,5 @@ class SampleStatistics:
             f"{1e3 * period:.3g} ms"
             for source, (delay, period) in self.sampling_times.items()
         ]
-        return counted + jitter + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]
+        stray = [self.stray_start] if self.stray_start else []
+        return stray + counted + jitter + [f"{sentence}: {', '.join(names)}" for sentence, names in self.joints.items()]

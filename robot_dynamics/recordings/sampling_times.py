@@ -9,7 +9,8 @@ is closest to them has the offset and the period of the sender. It is fitted to 
 clocks drift. Moon, Skelly and Towsley, Estimation and removal of clock skew from network delay measurements (1999).
 
 Samples that were lost shift all later stamps. Whether these times are right, and not the stamps, is a question of
-evidence: between two samples a joint moves by its velocity times the time between them.
+evidence: between two samples a joint moves by its velocity times the time between them. An encoder that is set anew is
+no evidence of time: its jump is left out.
 """
 
 from __future__ import annotations
@@ -21,8 +22,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import median_filter, minimum_filter1d
 
+from robot_dynamics.recordings.position_jumps import find_encoder_jumps
+
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
 
 MIN_MODEL_SAMPLES = 130  # samples that are needed for a model
 MAX_EVEN_DEVIATION = 0.1  # of the median step: stamps whose steps deviate less are even, and are not changed
@@ -45,7 +48,7 @@ class SamplingTimes:
     """The model of the stamps of M samples.
 
     times: (M,) [s] at which they were sampled; period: [s] of the sender; losses: (M,) number of samples that were lost
-    before each, at most `MAX_LOSS`; parts: (M,) numbers of the parts between pauses and longer losses.
+    before each, at most `MAX_LOSS`; parts: (M,) numbers of the parts between pauses, longer losses and encoder jumps.
     """
 
     times: Array
@@ -82,11 +85,13 @@ def fit_sampling_times(stamps: Array, position: Array, velocity: Array) -> Sampl
         return None
     mean_step = (stamps[-1] - stamps[0]) / (len(stamps) - 1)
     window = max(MIN_WINDOW, min(len(stamps), round(LOSS_DURATION / mean_step)))
+    jumps = find_encoder_jumps(position, 1 / mean_step)
     ratios = _step_ratios(position, velocity)
+    ratios[jumps] = np.nan
     seen_losses = _seen_losses(ratios)
-    models = [_fit_model(stamps, np.zeros(len(stamps), dtype=int), ratios, window)]
+    models = [_fit_model(stamps, np.zeros(len(stamps), dtype=int), ratios, jumps, window)]
     if seen_losses.any():
-        models.append(_fit_model(stamps, seen_losses, ratios, window))
+        models.append(_fit_model(stamps, seen_losses, ratios, jumps, window))
     return min(
         (model for model in models if model is not None),
         key=lambda model: motion_errors(model.times, position, velocity, model.parts)[0],
@@ -94,7 +99,9 @@ def fit_sampling_times(stamps: Array, position: Array, velocity: Array) -> Sampl
     )
 
 
-def _fit_model(stamps: Array, seen_losses: IntArray, ratios: Array, window: int) -> SamplingTimes | None:
+def _fit_model(
+    stamps: Array, seen_losses: IntArray, ratios: Array, jumps: BoolArray, window: int
+) -> SamplingTimes | None:
     """Fit the model to stamps (M,) with losses (M,) that displacements show; others are those that stamps show."""
     numbers = np.cumsum(1 + seen_losses).astype(float)
     period = _estimate_period(numbers, stamps, PERIOD_WINDOW * window)
@@ -113,7 +120,7 @@ def _fit_model(stamps: Array, seen_losses: IntArray, ratios: Array, window: int)
             slopes.append((stop - start, slope))
     if not slopes:
         return None
-    return SamplingTimes(times, max(slopes)[1], np.where(is_cut, 0, losses), np.cumsum(is_cut))
+    return SamplingTimes(times, max(slopes)[1], np.where(is_cut, 0, losses), np.cumsum(is_cut | jumps))
 
 
 def _estimate_period(numbers: Array, stamps: Array, window: int) -> float:
@@ -154,22 +161,22 @@ def _find_losses(delays: Array, stamps: Array, ratios: Array, window: int) -> In
     shift = window // 2
     after = minimum_filter1d(delays, 2 * shift, origin=-shift, mode="nearest")  # of i to i + window - 1
     before = minimum_filter1d(delays, 2 * shift, origin=shift - 1, mode="nearest")  # of i - window + 1 to i
-    jumps = np.zeros(len(stamps))
-    jumps[1:] = after[1:] - before[:-1]
-    late = np.flatnonzero(jumps > MIN_LOSS)
+    rises = np.zeros(len(stamps))
+    rises[1:] = after[1:] - before[:-1]
+    late = np.flatnonzero(rises > MIN_LOSS)
     if len(late) == 0:
         return losses
     steps = np.diff(stamps, prepend=stamps[0])
     for rows in np.split(late, np.flatnonzero(np.diff(late) > 1) + 1):
-        lost = int(np.round(np.median(jumps[rows])))
-        seen = np.maximum(np.round(ratios[rows]) - 1, 0)
-        if not np.isfinite(seen).any():  # joints at rest show nothing
+        loss_by_stamps = int(np.round(np.median(rises[rows])))
+        losses_by_travel = np.maximum(np.round(ratios[rows]) - 1, 0)
+        if not np.isfinite(losses_by_travel).any():  # joints at rest show nothing
             if len(stamps) - rows[-1] > window // 2:  # else the last messages may be late
-                losses[rows[np.argmax(steps[rows])]] = lost
-        elif lost <= np.nansum(seen) <= np.round(jumps[rows].sum()):
-            losses[rows] = np.nan_to_num(seen)
-        elif np.nanmax(ratios[rows]) > 1 + 0.5 * lost:
-            losses[rows[np.nanargmax(ratios[rows])]] = lost
+                losses[rows[np.argmax(steps[rows])]] = loss_by_stamps
+        elif loss_by_stamps <= np.nansum(losses_by_travel) <= np.round(rises[rows].sum()):
+            losses[rows] = np.nan_to_num(losses_by_travel)
+        elif np.nanmax(ratios[rows]) > 1 + 0.5 * loss_by_stamps:
+            losses[rows[np.nanargmax(ratios[rows])]] = loss_by_stamps
     return losses
 
 

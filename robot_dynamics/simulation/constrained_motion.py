@@ -199,6 +199,10 @@ class ConstrainedMotion:
         positions = ", ".join(f"{name} {value:.6g}" for name, value in zip(names, q, strict=True))
         raise SingularModelError(f"loop {loop!r} is singular: the loops {reason} (at {positions})")
 
+    def topology_of(self, independent: tuple[int, ...]) -> ConstraintTopology:
+        """The topology with other independent joints (numbers)."""
+        return self._partition(independent)[0]
+
     def _partition(self, independent: tuple[int, ...]) -> tuple[ConstraintTopology, ClosureStep]:
         """Topology and Newton step of a set of independent joints."""
         if independent not in self._partitions:

@@ -15,13 +15,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.newton_euler.friction import load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.walker_orin import inertia_matrix
+from robot_dynamics.procedures import as_array, largest, magnitude, procedure, select, solve
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
@@ -132,33 +133,41 @@ def minimum_joint_inertias(robot: Robot) -> Array:
         return 1 / np.diagonal(np.linalg.pinv(A))[len(A) - len(robot.joints) :]
 
 
-def friction_impulses(W: Array, velocities: Array, limits: tuple[Array, Array], viscous: Array) -> Array:
+@procedure
+def friction_impulses(W: Any, velocities: Any, limits: tuple[Any, Any], viscous: Any) -> Any:
     """Impulses p (k,) [N m s or N s] of friction.
 
     W (k, k): change of the velocities (k,) for unit impulses; limits: lowest and highest impulse (k,) of dry friction;
     viscous (k,): Fv h. The method is Gauss-Seidel with projection; where all joints continue to slide, the initial
     impulses are the solution.
     """
-    right_side = np.column_stack([velocities, W])
-    damped = np.asarray(np.linalg.solve(np.eye(len(W)) + W * viscous, right_side), dtype=np.float64)
+    size = len(velocities)
+    right_side = np.concatenate([velocities[:, None], W], axis=1)
+    damped = solve(np.eye(size) + W * viscous, right_side)
     damped_velocities = damped[:, 0]
     damped_W = damped[:, 1:]
-    impulses = np.zeros(len(velocities))
-    if limits[0].any() or limits[1].any():
-        impulses = _dry_impulses(damped_W, damped_velocities, *limits)
+    impulses = _dry_impulses(damped_W, damped_velocities, *limits)
     return impulses - viscous * (damped_velocities + damped_W @ impulses)
 
 
-def _dry_impulses(W: Array, velocities: Array, lowest: Array, highest: Array) -> Array:
+@procedure
+def _dry_impulses(W: Any, velocities: Any, lowest: Any, highest: Any) -> Any:
     """Impulses (k,) within the limits (k,) that bring the joints to rest or oppose their motion."""
-    impulses = np.where(velocities > 0, lowest, np.where(velocities < 0, highest, 0.0))
-    if ((velocities + W @ impulses) * velocities >= 0).all():
-        return impulses
-    for _ in range(MAX_SWEEPS):
-        previous = impulses.copy()
-        for k in range(len(impulses)):
-            sticking_impulse = impulses[k] - (velocities[k] + W[k] @ impulses) / W[k, k]
-            impulses[k] = min(max(sticking_impulse, lowest[k]), highest[k])
-        if np.abs(impulses - previous).max() <= CONVERGENCE_TOLERANCE * max(highest.max(), -lowest.min()):
-            break
+    size = len(velocities)
+    sliding = [select(velocities[k] > 0, lowest[k], select(velocities[k] < 0, highest[k], 0.0)) for k in range(size)]
+    impulses = as_array(np.array(sliding))
+    if not largest(-((velocities + W @ impulses) * velocities)) <= 0:
+        tolerance = CONVERGENCE_TOLERANCE * largest(np.concatenate([highest, -lowest]))
+        W, velocities = as_array(W), as_array(velocities)
+        lowest, highest = as_array(lowest), as_array(highest)
+        for _ in range(MAX_SWEEPS):
+            change = 0.0
+            for k in range(size):
+                previous = impulses[k]
+                sticking = previous - (velocities[k] + W[k] @ impulses) / W[k, k]
+                raised = select(sticking > lowest[k], sticking, lowest[k])
+                impulses[k] = select(raised < highest[k], raised, highest[k])
+                change = select(magnitude(impulses[k] - previous) > change, magnitude(impulses[k] - previous), change)
+            if change <= tolerance:
+                break
     return impulses

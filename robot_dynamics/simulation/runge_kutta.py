@@ -13,12 +13,11 @@ method itself, and grows at once where a step is too long.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+from robot_dynamics.procedures import procedure
 
 NODES = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
 STAGES = (
@@ -36,14 +35,14 @@ ERROR_WEIGHT = 4 / 15
 """Weight that the embedded method shifts from one of these stages to the other."""
 
 
-def increment(derivative: Callable[[float, Array], Array], time: float, y: Array, step: float) -> tuple[Array, Array]:
+@procedure
+def increment(derivative: Callable[[float, Any], Any], time: Any, y: Any, step: Any) -> tuple[Any, Any]:
     """Change (m,) of y (m,) in a step [s] that begins at `time` [s], and an estimate (m,) of its error.
 
     derivative(time, y) returns dy/dt (m,).
     """
-    slopes = np.empty((len(WEIGHTS), len(y)))
-    slopes[0] = derivative(time, y)
-    for stage, weights in enumerate(STAGES, start=1):
-        slopes[stage] = derivative(time + NODES[stage] * step, y + (step * weights) @ slopes[:stage])
+    slopes = [derivative(time, y)]
+    for weights, node in zip(STAGES, NODES[1:], strict=True):
+        slopes.append(derivative(time + node * step, y + (step * weights) @ np.array(slopes)))
     first, second = ERROR_STAGES
-    return (step * WEIGHTS) @ slopes, step * ERROR_WEIGHT * (slopes[second] - slopes[first])
+    return (step * WEIGHTS) @ np.array(slopes), step * ERROR_WEIGHT * (slopes[second] - slopes[first])

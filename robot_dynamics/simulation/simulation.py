@@ -70,6 +70,8 @@ class Simulation:
         Names of the n joints of joint vectors, those of Dynamics.joint_names.
     state : SimulationState
         The present state.
+    stepping : TimeStepping
+        Makes the states.
 
     Raises
     ------
@@ -115,8 +117,8 @@ class Simulation:
         contact = None if ground is None else GroundContact(self._plant, ground)
         equations = EquationsOfMotion(self._plant, constraints, contact, float(drive_time))
         integrator = StepIntegrator(self._plant, equations, contact, self.step)
-        self._stepping = TimeStepping(self._plant, self.base, constraints, friction, integrator, self.step)
-        self._initial_state = self._stepping.resting_state()
+        self.stepping = TimeStepping(self._plant, self.base, constraints, friction, integrator, self.step)
+        self._initial_state = self.stepping.resting_state()
         self.state = self._initial_state
 
     def start(
@@ -142,7 +144,7 @@ class Simulation:
         SingularModelError
             The loops do not close, or are singular.
         """
-        resting, size = self._stepping.resting_state(), self._plant.size
+        resting, size = self.stepping.resting_state(), self._plant.size
         if positions is None:
             positions = resting.positions
         all_joints_shape = (len(self.dynamics.all_joint_names),)
@@ -159,7 +161,7 @@ class Simulation:
             pose = np.array(require_pose(base.pose, "pose of the base"), dtype=np.float64)
             twist = require_finite("twist of the base", base.twist, 6, "components")
         rates = np.concatenate([twist, qd])
-        self.reset(self._stepping.initial_state(pose, joint_positions, rates, has_base_motion=base is not None))
+        self.reset(self.stepping.initial_state(pose, joint_positions, rates, has_base_motion=base is not None))
 
     def reset(self, state: SimulationState | None = None) -> None:
         """Return exactly to the state that the simulation started with.
@@ -205,7 +207,7 @@ class Simulation:
                 f"cannot continue from {', '.join(before.joint_names)} on a {before.base} base: this simulation has "
                 f"{', '.join(self.joint_names)} on a {self.base} base"
             )
-        self.state = self._stepping.state_from(before.state)
+        self.state = self.stepping.state_from(before.state)
 
     def advance(
         self,
@@ -257,9 +259,10 @@ class Simulation:
         inputs = build_step_inputs(
             self._plant, self.base, self.ground is not None, efforts, external_wrenches, drive, motion
         )
-        for _ in range(steps):
+        end = self.state.steps + steps
+        while self.state.steps < end:
             with np.errstate(all="ignore"):  # the integrator raises where numbers are not finite
-                self.state = self._stepping.step(self.state, inputs)
+                self.state = self.stepping.advance(self.state, inputs, end - self.state.steps)
         return self.state
 
     def accelerations(
@@ -287,7 +290,7 @@ class Simulation:
         inputs = build_step_inputs(
             self._plant, self.base, self.ground is not None, efforts, external_wrenches, drive, motion
         )
-        twist_derivative, joints = self._stepping.rate_derivatives(self.state, inputs)
+        twist_derivative, joints = self.stepping.rate_derivatives(self.state, inputs)
         return twist_derivative + np.concatenate([convective_acceleration(self.state.twist), np.zeros(3)]), joints
 
     def momentum(self) -> Momentum:
@@ -304,7 +307,7 @@ class Simulation:
         """
         if self.base == "fixed":
             raise InvalidInputError("a robot on a fixed base has no momentum of its own")
-        A = self._stepping.inertia_matrix(self.state)
+        A = self.stepping.inertia_matrix(self.state)
         return momentum(A, self.state.pose[:3, :3], self.state.rates)
 
     def energy(self) -> tuple[float, float]:
@@ -318,7 +321,7 @@ class Simulation:
             Potential energy of weights and springs [J]; that of weights is zero at the origin of the world.
         """
         state = self.state
-        kinetic = kinetic_energy(self._stepping.inertia_matrix(state), state.rates)
+        kinetic = kinetic_energy(self.stepping.inertia_matrix(state), state.rates)
         return kinetic, potential_energy(self.robot, state.pose, state.joint_positions)
 
     def rolling_residual(self) -> Array:
@@ -329,7 +332,7 @@ class Simulation:
         ndarray, shape (m,)
             Velocities [m/s, rad/s] of the present state that plane and wheels forbid.
         """
-        return self._stepping.rolling_residual(self.state)
+        return self.stepping.rolling_residual(self.state)
 
 
 def _require_base_type(robot: Robot, base: BaseType | None, wheels: tuple[Wheel, ...]) -> BaseType:

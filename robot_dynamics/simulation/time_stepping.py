@@ -6,6 +6,7 @@ friction acts as impulses, and rates that the wheels forbid are removed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from robot_dynamics.simulation.friction_impulses import friction_impulses
 from robot_dynamics.simulation.momentum import Momentum, momentum, twist_from_momentum
 from robot_dynamics.simulation.rotation import exponential, orthonormalize
 from robot_dynamics.simulation.simulation_state import SimulationState
+from robot_dynamics.simulation.step_programs import StepPrograms
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -23,6 +25,9 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.rate_constraints import BaseType, RateConstraints
     from robot_dynamics.simulation.step_inputs import StepInputs
     from robot_dynamics.simulation.step_integrator import StepIntegrator
+    from robot_dynamics.simulation.step_programs import RecordedRun, Run
+
+NO_TWIST = np.zeros(6)
 
 
 class TimeStepping:
@@ -54,6 +59,8 @@ class TimeStepping:
         self._friction = friction
         self._integrator = integrator
         self._step = step
+        has_program = base == "fixed" and not plant.wrench_links
+        self._programs = StepPrograms(plant, friction, step) if has_program else None
         dynamics = plant.dynamics
         self._joint_indices = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
         self._takes_all_joints = plant.loops is not None or dynamics.joint_names == dynamics.all_joint_names
@@ -98,6 +105,76 @@ class TimeStepping:
             coordinates = coordinates._replace(quality=quality)
         rates = self._constraints.initial_rates(q, previous.rates, has_base_motion=True)
         return self._build_state(0, 0.0, previous.pose, q, rates, coordinates, previous.joint_velocities)
+
+    def advance(self, state: SimulationState, inputs: StepInputs, steps: int) -> SimulationState:
+        """The state after some steps: as many as possible in machine code, at least one. Raises as `step`."""
+        if self._programs is not None and inputs.motion is None and not inputs.wrenches:
+            coordinates = self._use_coordinates(state, inputs)
+            q = self._program_positions(state.joint_positions)
+            run = self._programs.advance(steps, q, state.rates[6:], inputs.efforts, coordinates)
+            if run is not None:
+                return self._state_after(state, run)
+        return self.step(state, inputs)
+
+    def is_recorded(self, coordinates: LoopCoordinates | None) -> bool:
+        """Whether `record` takes states with these coordinates."""
+        loops = self._plant.loops
+        independent = None if coordinates is None else coordinates.independent
+        is_default = loops is None or independent == loops.default_independent
+        return is_default and self._programs is not None and self._programs.program("record", independent) is not None
+
+    def record(
+        self,
+        q: Array,
+        rates: Array,
+        efforts: Array,
+        coordinates: Sequence[LoopCoordinates | None],
+        threads: int,
+    ) -> RecordedRun:
+        """Steps of M simulations in machine code, each with its efforts.
+
+        Parameters
+        ----------
+        q : ndarray, shape (M, ...)
+            Positions as the programs of the plant take them.
+        rates : ndarray, shape (M, n)
+        efforts : ndarray, shape (M, K, n)
+            K is at most RECORDED_STEPS.
+        coordinates : sequence of LoopCoordinates or None
+            Those that `is_recorded` allows.
+        threads : int
+
+        Returns
+        -------
+        RecordedRun
+        """
+        assert self._programs is not None
+        if self._plant.loops is not None:
+            efforts = self._plant.dynamics.embed_efforts(efforts)
+        return self._programs.record(q, rates, efforts, coordinates, threads)
+
+    @property
+    def joint_columns(self) -> list[int] | slice:
+        """Columns of Dynamics.joint_names in positions as the programs take them."""
+        return slice(None) if self._plant.loops is None else self._joint_indices
+
+    def program_positions(self, state: SimulationState) -> Array:
+        """Positions of a state as the programs take them."""
+        return self._program_positions(state.joint_positions)
+
+    def state_at(self, steps: int, q: Array, rates: Array, coordinates: LoopCoordinates | None) -> SimulationState:
+        """The state of a robot on a fixed base at positions q, as the programs take them, and rates (n,)."""
+        if coordinates is not None:
+            self._plant.use_coordinates(coordinates, np.zeros(len(q)))
+        rates = np.concatenate([NO_TWIST, rates])
+        return self._build_state(steps, steps * self._step, np.eye(4), np.array(q), rates, coordinates)
+
+    def _state_after(self, state: SimulationState, run: Run) -> SimulationState:
+        """The state after steps of machine code."""
+        steps = state.steps + run.steps
+        rates = np.concatenate([NO_TWIST, run.rates])
+        direction = state.joint_velocities
+        return self._build_state(steps, steps * self._step, state.pose, run.q, rates, run.coordinates, direction)
 
     def step(self, state: SimulationState, inputs: StepInputs) -> SimulationState:
         """The state one step later.

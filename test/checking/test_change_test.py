@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.linalg import block_diag, toeplitz
+from scipy.signal import lfilter
 
 from robot_dynamics.checking import change_test
 from robot_dynamics.checking.change_test import ChangeTest
@@ -103,3 +104,36 @@ def test_a_bump_is_not_as_significant_as_a_lasting_change_of_equal_gain(signals)
         change = test.fit(columns, [0], free_sizes, slice(780, 820), is_constant_error=False)
         p_values.append(test.p_value(change, columns, [0], is_constant_error=False))
     assert p_values[0] < 1e-8 and p_values[1] > 1e-3
+
+
+def test_significance_of_a_gain_holds_where_errors_of_the_model_are_slow():
+    """Errors with a correlation time of 0.3 s: a wrong gain must not seem significant more often than it states.
+
+    The effect of a gain is one of the constant errors of the model, so that nothing of it is left over a whole
+    recording without them; its scatter must come from the effect itself.
+    """
+    rows = 2000
+    times = STEP * np.arange(rows)
+    p_values = []
+    for trial in range(60):
+        rng = np.random.default_rng(trial)
+        phase = rng.uniform(0, 6, size=4)
+        predicted = 20 * np.sin(0.9 * times + phase[0]) + 8 * np.sin(2.3 * times + phase[1])
+        velocity = np.cos(0.9 * times + phase[2]) + np.cos(1.7 * times + phase[3])
+        errors = lfilter([1.0], [1, -np.exp(-STEP / 0.3)], rng.normal(size=rows))
+        nothing = np.zeros((rows, 1))
+        signals = FaultSignals(
+            times=times, step=STEP, band=4.0, residuals=errors[:, None], predicted=predicted[:, None],
+            velocity_signs=np.sign(velocity)[:, None], velocities=velocity[:, None],
+            payload_efforts=np.zeros((rows, 1, 4)), offset_efforts=np.zeros((rows, 1, 1)),
+            valid=nothing == 0, resting=nothing != 0, recorded=np.ones(rows),
+        )  # fmt: skip
+        test = ChangeTest(
+            signals, WhiteningFilter.fit(signals.residuals, signals.valid, np.array([1e-9])), errors[:, None]
+        )
+        columns = predicted[:, None, None]
+        change = test.fit(columns, [0], free_sizes, slice(1000, 1001), is_constant_error=False)
+        p_values.append(test.p_value(change, columns, [0], is_constant_error=False))
+    p_values = np.array(p_values)
+    assert (p_values < 0.01).mean() <= 0.05 and (p_values < 0.2).mean() <= 0.3, np.sort(p_values)[:10]
+    assert (p_values < 0.5).mean() > 0.1  # nor is it insignificant whatever the errors

@@ -10,7 +10,7 @@ from robot_dynamics.checking.coverage import compute_coverage, recording_failure
 from robot_dynamics.checking.prediction_filter import PredictedMotion
 from robot_dynamics.checking.scale_sums import ScaleSums
 from robot_dynamics.checking.tolerances import SHIPPED, load_tolerances
-from robot_dynamics.checking.verdicts import compute_verdicts, tolerated_rms
+from robot_dynamics.checking.verdicts import compute_verdicts, tolerated_rms, undetermined_scale
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.recorded_duration import RecordedDuration
@@ -172,3 +172,17 @@ def test_recorded_duration_leaves_out_pauses_jumps_and_late_topics():
     assert duration([*steady, *steady + 100]) == pytest.approx(2 * 1.99)
     assert duration([*steady, *steady]) == pytest.approx(2 * 1.99)  # the bag is played twice
     assert duration(np.stack([steady, steady - 0.003], axis=1).ravel()) == pytest.approx(1.99)
+
+
+def test_uncertain_scale_of_all_joints_is_said():
+    """A joint whose effort is nearly all friction: its scale is not known, a second one that bears a load tells it."""
+    times = time_line()
+    friction = 20 * np.sign(np.cos(times))
+    rubbing = verdict_of(gravity(times, 1.0) + friction, gravity(times, 1.0) + friction, noise=0.1)
+    loaded = verdict_of(gravity(times), gravity(times), noise=0.1)
+    assert rubbing.passed and loaded.passed
+    (sentence,) = undetermined_scale([rubbing], NORMAL)
+    assert "scale not determined" in sentence and "10 %" in sentence
+    assert not list(undetermined_scale([rubbing, loaded], NORMAL))
+    # and truly so: the same joint passes with a wrong gain
+    assert verdict_of(1.1 * (gravity(times, 1.0) + friction), gravity(times, 1.0) + friction, noise=0.1).passed

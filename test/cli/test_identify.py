@@ -206,6 +206,7 @@ def test_drive_gains_are_identified_from_currents_and_written(currents, tmp_path
     gains = json.loads(open(figures).read())["gains"]
     assert [gain["name"] for gain in gains] == list(JOINTS)
     assert [gain["gain"] for gain in gains] == pytest.approx(CONSTANTS, rel=0.01)
+    assert not any(gain["uncertain"] for gain in gains)
     assert main(["replay-check", bare, "--robot", fitted, "--drives", drives]) == 0
     assert main(["replay-check", bare, "--robot", "panda"]) == 3
 

@@ -9,6 +9,7 @@ from matplotlib.image import imread
 from peers.closed_pipe import run_with_closed_stdout
 from peers.recorded import BEGINNING, JOINTS, messages, panda_motion, store, write_bag
 
+from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli.main import main
 from robot_dynamics.model.loading import shipped_robots
 from robot_dynamics.recordings.bags import Bag
@@ -37,6 +38,31 @@ def test_exit_status_is_0_for_a_fitting_model_and_3_for_a_fault(tmp_path, capsys
     printed = capsys.readouterr().out
     assert "panda_joint4: out of tolerance from 7 s on" in printed and printed.endswith("since 7 s\n")
     assert printed.count("FAILED") == 2
+
+
+def test_robot_that_rests_throughout_is_not_judged(tmp_path, capsys):
+    dynamics = Dynamics(load_robot("panda"))
+    rng = np.random.default_rng(0)
+    times = np.arange(0, 6, 0.01)
+    positions = np.tile([0, -0.3, 0, -1.9, 0, 1.9, 0.3], (len(times), 1))
+    zero = np.zeros_like(positions)
+    efforts = dynamics.inverse(positions, zero, zero) + 0.1 * rng.normal(size=positions.shape)
+    columns = [f"{name}.{signal}" for name in dynamics.joint_names for signal in ("position", "velocity", "effort")]
+    values = np.stack([positions, zero, efforts], axis=-1).reshape(len(times), -1)
+    table = np.column_stack([times, values])
+    hold = tmp_path / "hold.csv"
+    np.savetxt(hold, table, delimiter=",", header=",".join(["time", *columns]), comments="")
+    outputs = ["--json", tmp_path / "check.json", "--junit", tmp_path / "junit.xml"]
+    assert run(hold, "--robot", "panda", *outputs) == 1
+    printed = capsys.readouterr().out
+    assert "panda_joint1: the joint rests throughout" in printed
+    assert printed.endswith("no joint can be judged\n\nnot judged\n")
+    results = json.loads((tmp_path / "check.json").read_text())
+    assert results["passed"] is False and results["recordings"][0]["passed"] is None
+    assert '<error message="no joint can be judged"' in (tmp_path / "junit.xml").read_text()
+    good = write_bag(tmp_path / "good", messages(MOTION))
+    assert run(hold, good, "--robot", "panda") == 1
+    assert "1 passed, 0 FAILED, 1 not checked" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -130,7 +130,8 @@ def test_block_covariance_is_the_jackknife_of_clusters():
         kept[k : k + 15] = False
         without = np.linalg.lstsq(X[kept].reshape(-1, 4), y[kept].ravel(), rcond=None)[0]
         squares += np.square(y[~kept] - X[~kept] @ without).sum(axis=0)
-    assert held_out_squares(motion_blocks, np.ones(2), directions, values) == pytest.approx(squares, rel=1e-6)
+    total = held_out_squares(motion_blocks, np.ones(2), directions, values).sum(axis=0)
+    assert total == pytest.approx(squares, rel=1e-6)
 
 
 def test_samples_at_rest_do_not_count():

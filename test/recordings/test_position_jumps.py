@@ -6,7 +6,7 @@ import pytest
 from robot_dynamics.recordings.alignment import SignalSegment
 from robot_dynamics.recordings.drives import Drives, direct_drives
 from robot_dynamics.recordings.joint_motions import filter_motions
-from robot_dynamics.recordings.position_jumps import split_at_jumps
+from robot_dynamics.recordings.position_jumps import find_encoder_jumps, split_at_jumps
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 NAMES = ("first", "second", "third")
@@ -44,7 +44,20 @@ def test_rows_that_are_missing_are_a_jump_of_all_joints_along_their_velocities(r
     _, second = split_at_jumps(segment(np.delete(position, slice(row, row + lost), axis=0), rate), 3)
     jump = second.jump
     assert jump.time == pytest.approx(5 + row / rate, abs=1.5 / rate)
-    assert jump.sizes @ jump.velocities / (jump.velocities @ jump.velocities) == pytest.approx(0.2, abs=0.05)
+    assert jump.missing_duration == pytest.approx(0.2, abs=0.05)
+
+
+@pytest.mark.parametrize("rate", [100.0, 200.0])
+def test_rows_of_encoder_jumps_are_those_of_no_motion(rate):
+    position = motion(rate)
+    row = int(2.6 * rate)
+    missing = np.delete(position, slice(row, row + int(0.2 * rate)), axis=0)
+    assert not find_encoder_jumps(missing, rate).any()
+    missing[2 * row :, 2] += 0.05  # the fastest joint, along its velocity
+    assert np.flatnonzero(find_encoder_jumps(missing, rate)).tolist() == [2 * row]
+    at_rest = np.zeros((200, 3))
+    at_rest[100:, 0] = 0.05
+    assert np.flatnonzero(find_encoder_jumps(at_rest, rate)).tolist() == [100]
 
 
 @pytest.mark.parametrize("rate", [30.0, 125.0, 1000.0])

@@ -9,6 +9,7 @@ from scipy.optimize import linprog
 from robot_dynamics.recordings import alignment
 from robot_dynamics.recordings.alignment import Resampler, resample_samples
 from robot_dynamics.recordings.joint_samples import sample_of_joint_state
+from robot_dynamics.recordings.position_jumps import split_at_jumps
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.sampling_times import fit_sampling_times, support_line
 
@@ -94,6 +95,27 @@ def test_samples_with_late_stamps_are_used(monkeypatch, kind, chunk, velocity):
     assert error < 6e-4 and abs(shift) < 0.12
     (sentence,) = [text for text in statistics.sentences if "stamps of /joint_states" in text]
     assert sentence.endswith("ms late; times are those of a sender with a period of 5 ms")
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+@pytest.mark.parametrize("kind", ["delays", "two_sided"])
+def test_an_encoder_that_jumps_is_not_taken_for_lost_samples(kind, velocity):
+    """A joint is set anew by 0.03 to 0.08 rad, 4 to 9 times the travel of a step, and 3 samples are lost elsewhere."""
+    stamps = arrival_stamps(MOTION.times, kind)
+    kept = np.ones(len(stamps), dtype=bool)
+    kept[1000:1003] = False
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        row, joint, size = rng.integers(1500, 3500), rng.integers(7), rng.uniform(0.03, 0.08)
+        motion = noisy(MOTION, seed)
+        motion.q[row:, joint] += size
+        segments, statistics = resample(samples(select(motion, kept), stamps[kept], velocity))
+        assert statistics.counts["lost"] == 3 and statistics.counts["gaps"] == 0
+        assert "/joint_states" in statistics.sampling_times
+        (segment,) = segments
+        _, after = split_at_jumps(segment, 7)
+        assert after.jump.time + stamps[0] == pytest.approx(MOTION.times[row], abs=3 / RATE)
+        assert after.jump.sizes[joint] == pytest.approx(size, rel=0.2)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -32,6 +32,11 @@ MIN_WORK_PER_THREAD = 2e7
 CHUNKS_PER_THREAD = 16
 """Pieces of the work for each thread, so that no thread waits long for the last one."""
 
+STATUS = "status"
+"""Name of the last output of programs that check their results; it is zero where the first output is valid."""
+
+ATTEMPT_DOCSTRING = "The first output, or None where an argument is no float64 array (size,) or the status is not zero."
+
 BATCH_LOOP_TYPE = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64, ctypes.c_int64)
 
 
@@ -144,6 +149,9 @@ class CompiledProgram:
         many numbers as the program needs: a NumPy array, an array.array("d"), a memoryview. Outputs may overlap inputs,
         but not each other. Raises TypeError for arguments of other types, ValueError for a wrong count or layout, or a
         read-only output.
+    attempt : callable or None
+        ``attempt(*inputs)`` returns the first output, or None where an argument is not a C-contiguous NumPy array
+        (size,) of float64 or where the status is not zero. None for programs without the output `status`.
 
     Notes
     -----
@@ -161,6 +169,11 @@ class CompiledProgram:
         self.evaluate: Callable[..., ProgramResult] = make_python_callable(
             self._library["evaluate"], self.interface.name, _docstring(self.interface), FunctionOwner(self._library)
         )
+        self.attempt: Callable[..., Array | None] | None = None
+        if self._outputs[-1][0] == STATUS:
+            self.attempt = make_python_callable(
+                self._library["attempt"], self.interface.name, ATTEMPT_DOCSTRING, FunctionOwner(self._library)
+            )
 
     def __repr__(self) -> str:
         return f"CompiledProgram({', '.join(self.interface.inputs)}: {self.interface.operations})"
@@ -169,6 +182,11 @@ class CompiledProgram:
     def program(self) -> Program:
         """The Program; traced on first access if the machine code was loaded from the cache."""
         return self._code.program
+
+    @property
+    def address(self) -> int:
+        """Address of the function of one sample, which takes a table of the addresses of inputs and outputs."""
+        return self._library["sample"]
 
     def compile_batch(self) -> Any:
         """Compile the function that `batch` runs, unless it is compiled; the first `batch` does it otherwise.
@@ -269,7 +287,7 @@ class CompiledProgram:
         strides = (ctypes.c_ssize_t * len(row_bytes))(*row_bytes)
         loop = self.compile_batch()
 
-        useful_threads = int(samples * max(1, sum(self.interface.operations)) / MIN_WORK_PER_THREAD)
+        useful_threads = int(samples * max(1, self._code.work) / MIN_WORK_PER_THREAD)
         threads = max(1, min(threads, useful_threads))
         chunks = threads * CHUNKS_PER_THREAD if threads > 1 else 1
         chunk = -(-samples // (8 * chunks)) * 8  # whole blocks, of 4 or 8 samples

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -52,18 +52,21 @@ class Module(NamedTuple):
         Stands for the text in the cache.
     text : callable
         Returns the text; called only if it must be compiled.
+    optimization : int
+        Level of LLVM's passes, 0 to 3. At 0 only forced inlining runs: a trace has nothing left to simplify.
     is_shared : bool
         Whether many programs link the module: its object code then stays in memory.
     """
 
     key: str
     text: Callable[[], str]
+    optimization: int = 0
     is_shared: bool = False
 
     @classmethod
-    def from_text(cls, text: str, is_shared: bool = False) -> Module:
+    def from_text(cls, text: str, optimization: int = 0, is_shared: bool = False) -> Module:
         """A Module whose text is its own key."""
-        return cls(text, lambda: text, is_shared)
+        return cls(text, lambda: text, optimization, is_shared)
 
 
 shared_object_code: dict[str, bytes] = {}
@@ -73,23 +76,23 @@ shared_object_code: dict[str, bytes] = {}
 def object_code(module: Module, recompile: bool = False) -> bytes:
     """Object code of a Module, from the cache unless it is missing there or `recompile` is set."""
     versions = llvmlite.__version__, str(llvm.llvm_version_info), str(OPTIMIZATION_LEVEL)
-    key = "\n".join([*versions, *host_target(), module.key])
+    key = "\n".join([*versions, str(module.optimization), *host_target(), module.key])
     image = None if recompile else shared_object_code.get(key) or load(key)
     if image is None:
-        image = compile_ir(module.text())
+        image = compile_ir(module.text(), module.optimization)
         store(key, image)
     if module.is_shared:
         shared_object_code[key] = image
     return image
 
 
-def compile_ir(text: str) -> bytes:
-    """Object code of IR text. Of LLVM's passes only forced inlining runs: a trace has nothing left to simplify."""
+def compile_ir(text: str, optimization: int = 0) -> bytes:
+    """Object code of IR text, with a level of LLVM's passes as in Module."""
     machine = target_machine()
     module = llvm.parse_assembly(text)
     module.triple = host_target()[0]
     module.data_layout = str(machine.target_data)
-    options = llvm.create_pipeline_tuning_options(speed_level=0)
+    options = llvm.create_pipeline_tuning_options(speed_level=optimization)
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
     image: bytes = machine.emit_object(module)
@@ -106,11 +109,18 @@ class Library:
         Names of functions and variables of the modules.
     imports : mapping of str to int
         Addresses of names that the modules use and do not define.
+    owners : sequence of object
+        Kept as long as this object: what has the code at these addresses.
     """
 
     def __init__(
-        self, modules: Iterable[Module], exports: Iterable[str], imports: Mapping[str, int] | None = None
+        self,
+        modules: Iterable[Module],
+        exports: Iterable[str],
+        imports: Mapping[str, int] | None = None,
+        owners: Sequence[object] = (),
     ) -> None:
+        self._owners = owners
         modules = list(modules)
         imports = dict(imports or {})
         try:

@@ -25,7 +25,7 @@ def entry_point_text() -> str:
     """IR of `@evaluate`, which is linked with the `@sample` and the signature of a program.
 
     Called with the inputs alone it returns new arrays (one, or a tuple of several); called with arrays for the outputs
-    too, it writes to these and returns None.
+    too, it writes to these and returns None. And IR of `@attempt`, for programs with a status.
     """
     table = f"@runtime = global [{len(SLOTS)} x ptr] zeroinitializer"
     return "\n".join([TYPES, table, EXTERNAL, argument_checks(), ENTRY.substitute(TEMPLATE_FIELDS)])
@@ -62,6 +62,90 @@ declare void @sample(ptr)
 """
 
 ENTRY = Template("""
+; As @evaluate with the inputs alone, for programs whose last output is `status`: the first output, or None where the
+; status is not zero or where an argument is not a contiguous NumPy array (size,) of float64. The caller then takes
+; another way, which says what is wrong.
+define ptr @attempt(ptr %self, ptr %arguments, i64 %count) noinline {
+entry:
+  %inputs = load i64, ptr @signature
+  %arrays = load i64, ptr getelementptr (%signature, ptr @signature, i64 0, i32 1)
+  %pointers = alloca ptr, i64 %arrays
+  %complete = icmp eq i64 %count, %inputs
+  br i1 %complete, label %input, label %none
+input:
+  %i = phi i64 [0, %entry], [%i.next, %pointed]
+  %object.at = getelementptr ptr, ptr %arguments, i64 %i
+  %object = load ptr, ptr %object.at
+  %kind = call i8 @kind(ptr %object)
+  %is_array = icmp eq i8 %kind, 1
+  br i1 %is_array, label %array, label %none
+array:
+  %flags.at = getelementptr i8, ptr %object, i64 $array_flags
+  %flags = load i32, ptr %flags.at
+  %piece = and i32 %flags, 1
+  %axes.at = getelementptr i8, ptr %object, i64 $array_dimensions
+  %axes = load i32, ptr %axes.at
+  %shape = shl i32 %axes, 1
+  %both = or i32 %shape, %piece
+  %is_row = icmp eq i32 %both, 3 ; one axis, contiguous
+  br i1 %is_row, label %row, label %none
+row:
+  %sizes.at = getelementptr i8, ptr %object, i64 $array_shape
+  %sizes = load ptr, ptr %sizes.at
+  %size = load i64, ptr %sizes
+  %needed.at = getelementptr %argument, ptr @arguments, i64 %i, i32 0
+  %needed = load i64, ptr %needed.at
+  %fits = icmp eq i64 %size, %needed
+  br i1 %fits, label %pointed, label %none
+pointed:
+  %data.at = getelementptr i8, ptr %object, i64 $array_data
+  %data = load ptr, ptr %data.at
+  %pointer.at = getelementptr ptr, ptr %pointers, i64 %i
+  store ptr %data, ptr %pointer.at
+  %i.next = add i64 %i, 1
+  %i.more = icmp slt i64 %i.next, %inputs
+  br i1 %i.more, label %input, label %result
+result:
+  %result.object = call ptr @new_array(i64 %inputs)
+  %is_missing = icmp eq ptr %result.object, null
+  br i1 %is_missing, label %failed, label %made
+failed:
+  ret ptr null
+made:
+  %result.data.at = getelementptr i8, ptr %result.object, i64 $array_data
+  %result.data = load ptr, ptr %result.data.at
+  %result.at = getelementptr ptr, ptr %pointers, i64 %inputs
+  store ptr %result.data, ptr %result.at
+  %second = add i64 %inputs, 1
+  br label %output
+output: ; the other outputs are dropped; the last one is the status
+  %o = phi i64 [%second, %made], [%o.next, %output]
+  %count.at = getelementptr %argument, ptr @arguments, i64 %o, i32 0
+  %doubles = load i64, ptr %count.at
+  %scratch = alloca double, i64 %doubles, align 64
+  %scratch.at = getelementptr ptr, ptr %pointers, i64 %o
+  store ptr %scratch, ptr %scratch.at
+  %o.next = add i64 %o, 1
+  %o.more = icmp slt i64 %o.next, %arrays
+  br i1 %o.more, label %output, label %compute
+compute:
+  call void @sample(ptr %pointers)
+  %status = load double, ptr %scratch
+  %succeeded = fcmp oeq double %status, 0.0
+  br i1 %succeeded, label %done, label %drop
+done:
+  ret ptr %result.object
+drop:
+  %decrease = load ptr, ptr $Py_DecRef
+  call void %decrease(ptr %result.object)
+  br label %none
+none:
+  %none.object = load ptr, ptr $None
+  %increase = load ptr, ptr $Py_IncRef
+  call void %increase(ptr %none.object)
+  ret ptr %none.object
+}
+
 define internal ptr @new_array(i64 %index) noinline optnone {
   %shape.at = getelementptr %argument, ptr @arguments, i64 %index, i32 2
   %shape = load ptr, ptr %shape.at

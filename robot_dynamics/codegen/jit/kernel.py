@@ -205,13 +205,13 @@ def vector_width(count: int) -> int:
     return max(2, 1 << (count - 1).bit_length())
 
 
-def sample_function(program: Program, constants: Mapping[int, float]) -> tuple[str, set[int]]:
-    """IR of `@sample(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
+def sample_function(program: Program, constants: Mapping[int, float], name: str = "sample") -> tuple[str, set[int]]:
+    """IR of `@<name>(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
     steps = insert_stores(group_sincos(list_steps(program), MAX_SINCOS_GROUP), list_stores(program))
     widths = {vector_width(len(step.operands)) for step in steps if step.operation == SINCOS}
     length = len(steps) if len(steps) <= MAX_LENGTH else PART_LENGTH
     parts = split_into_parts(steps, even_bounds(len(steps), length))
-    text = _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
+    text = _function(name, "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
     return text, widths
 
 

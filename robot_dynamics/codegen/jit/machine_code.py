@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from robot_dynamics.codegen.jit.cache import load, store
 from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
 from robot_dynamics.codegen.jit.runtime import runtime_table
+from robot_dynamics.codegen.jit.sincos import RUNTIME
 from robot_dynamics.codegen.trace.program import Interface, OperationCount, Program
 
 if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
@@ -59,6 +60,11 @@ class MachineCode:
             return None
         return cls(interface, trace, key, sincos_widths)
 
+    @property
+    def work(self) -> float:
+        """Operations of one sample."""
+        return sum(self.interface.operations)
+
     def save_to_cache(self) -> None:
         """Store the interface for the key; libraries are stored when they are compiled."""
         if self._key is not None:
@@ -84,7 +90,7 @@ class MachineCode:
         shared += [sincos_module(width, has_fused_multiply_add()) for width in self.sincos_widths]
         shared_modules = [Module.from_text(text, is_shared=True) for text in shared]
         modules = [self._module("evaluate", self._sample_text), *shared_modules]
-        library = Library(modules, ["evaluate", "sample", "runtime"])
+        library = Library(modules, ["evaluate", "attempt", "sample", "runtime"])
         addresses = runtime_table()
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
         return library
@@ -125,7 +131,7 @@ class MachineCode:
         from robot_dynamics.codegen.jit.batch_loop import batch_function
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
         from robot_dynamics.codegen.jit.kernel import block_function
-        from robot_dynamics.codegen.jit.sincos import RUNTIME, sincos_function
+        from robot_dynamics.codegen.jit.sincos import sincos_function
 
         lanes = vector_lanes()
         block = block_function(*self._traced, lanes)

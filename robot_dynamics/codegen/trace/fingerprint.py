@@ -18,8 +18,11 @@ import numpy as np
 
 PACKAGE = Path(__file__).parents[2]
 
-FOLDERS = ("codegen", "constraints", "flexible", "model", "newton_euler")
+FOLDERS = ("codegen", "constraints", "flexible", "model", "newton_euler", "simulation")
 """Folders of the package with all source on which a program of a Robot depends."""
+
+FILES = ("procedures.py",)
+"""Further such files."""
 
 IMPORT_TIME = time.time()
 
@@ -53,7 +56,7 @@ def _digest(values: list[object]) -> str:
 
 @cache
 def source_digest(package: Path, imported: float) -> str:
-    """A hash of the source in the FOLDERS of a package.
+    """A hash of the source in the FOLDERS and FILES of a package.
 
     Parameters
     ----------
@@ -68,7 +71,8 @@ def source_digest(package: Path, imported: float) -> str:
         If there is no source, or if a file changed after `imported`: then this process does not run what the file says.
     """
     texts: list[object] = []
-    for path in sorted(path for folder in FOLDERS for path in (package / folder).rglob("*.py")):
+    files = [package / name for name in FILES if (package / name).exists()]
+    for path in sorted([*files, *(path for folder in FOLDERS for path in (package / folder).rglob("*.py"))]):
         texts += [str(path.relative_to(package)), path.read_bytes()]
         status = os.stat(path)
         if max(status.st_ctime, status.st_mtime) > imported:

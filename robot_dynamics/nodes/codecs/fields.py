@@ -40,13 +40,18 @@ def require_empty(message: object, field: str, location: str, reason: str) -> No
         raise InvalidInputError(f"{location}.{field} has values: {reason}, leave it empty")
 
 
-def require_finite(values: Array, location: str) -> None:
-    """Refuse values with nan or inf; `location` is a format of the first index. Raises InvalidInputError."""
-    invalid = np.argwhere(~np.isfinite(values))
-    if len(invalid):
-        raise InvalidInputError(f"{location.format(invalid[0][0])} is not finite")
+def require_finite(values: Array, location: str, first: int = 0) -> None:
+    """Refuse values with nan or inf. Raises InvalidInputError.
+
+    location: format of the number of a row, for errors; first: number of the first row.
+    """
+    is_finite = np.isfinite(values)
+    if not is_finite.all():
+        raise InvalidInputError(f"{location.format(first + np.argwhere(~is_finite)[0][0])} is not finite")
 
 
 def to_float_array(values: Array) -> array[float]:
     """Return values, row by row, in the type that messages hold without a copy."""
-    return array("d", np.ascontiguousarray(values).tobytes())
+    numbers = array("d")
+    numbers.frombytes(np.ascontiguousarray(values, dtype=float).ravel().view(np.uint8).data)
+    return numbers

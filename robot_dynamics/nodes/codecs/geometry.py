@@ -26,22 +26,33 @@ def read_poses(
     transforms: Sequence[Transform],
     location: str,
     fields: tuple[str, str] = ("transforms[0].translation", "transforms[0].rotation"),
+    first: int = 0,
 ) -> Array:
     """Return homogeneous matrices (N, 4, 4) of geometry_msgs/Transform.
 
-    location: format of the index of a transform; fields: names of position and orientation; both are for errors.
-    Raises InvalidInputError.
+    location: format of the number of a transform; fields: names of position and orientation; first: number of the
+    first transform; all are for errors. Raises InvalidInputError.
     """
     quaternions = np.array([[t.rotation.x, t.rotation.y, t.rotation.z, t.rotation.w] for t in transforms])
-    poses: Array = np.tile(np.eye(4), (len(transforms), 1, 1))
-    poses[:, :3, 3] = [[t.translation.x, t.translation.y, t.translation.z] for t in transforms]
+    positions = np.array([[t.translation.x, t.translation.y, t.translation.z] for t in transforms])
+    return to_matrices(positions, quaternions, (f"{location}.{fields[0]}", f"{location}.{fields[1]}"), first)
+
+
+def to_matrices(positions: Array, quaternions: Array, locations: tuple[str, str], first: int = 0) -> Array:
+    """Return homogeneous matrices (N, 4, 4) of positions (N, 3) and quaternions (N, 4) x, y, z, w.
+
+    locations: formats of the number of a pose for its position and its quaternion; first: number of the first pose;
+    both are for errors. Raises InvalidInputError.
+    """
+    poses: Array = np.tile(np.eye(4), (len(positions), 1, 1))
+    poses[:, :3, 3] = positions
     norms = np.linalg.norm(quaternions, axis=1)
     invalid = np.flatnonzero(~(np.abs(norms - 1) < QUATERNION_NORM_TOLERANCE))
     if len(invalid):
-        first = int(invalid[0])
-        raise InvalidInputError(f"{location.format(first)}.{fields[1]} has norm {norms[first]:.6g}: 1 is needed")
+        row = int(invalid[0])
+        raise InvalidInputError(f"{locations[1].format(first + row)} has norm {norms[row]:.6g}: 1 is needed")
     poses[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()
-    require_finite(poses, f"{location}.{fields[0]}")
+    require_finite(poses, locations[0], first)
     return poses
 
 
@@ -56,12 +67,15 @@ def read_pose(pose: Pose, location: str) -> Array:
     return matrix
 
 
-def read_twists(twists: Sequence[Twist], location: str) -> Array:
-    """Return (N, 6) of geometry_msgs/Twist; `location` is a format of the index of a twist, for errors."""
+def read_twists(twists: Sequence[Twist], location: str, first: int = 0) -> Array:
+    """Return (N, 6) of geometry_msgs/Twist.
+
+    location: format of the number of a twist; first: number of the first twist; both are for errors.
+    """
     values = np.array(
         [[t.linear.x, t.linear.y, t.linear.z, t.angular.x, t.angular.y, t.angular.z] for t in twists], dtype=float
     )
-    require_finite(values, location)
+    require_finite(values, location, first)
     return values
 
 

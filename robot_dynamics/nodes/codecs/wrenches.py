@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,31 +40,43 @@ def write_wrench(values: Array) -> Wrench:
 def read_wrenches(
     messages: Sequence[WrenchStamped], times: Sequence[int], robot: Robot, namespace: str
 ) -> dict[str, Array]:
-    """Return {link name: (N, 6)} of external wrenches for trajectory points at `times` [ns].
+    """Return {link name: (N, 6)} of external wrenches for N trajectory points at `times` [ns].
 
     A message acts at every point if its stamp is zero, else at the points of that time. Wrenches on one link add up.
     Raises InvalidInputError.
     """
     point_times = np.asarray(times)
+    by_time = np.argsort(point_times, kind="stable")
+    sorted_times = point_times[by_time]
     wrenches: dict[str, Array] = {}
     for number, message in enumerate(messages):
         location = f"external_wrenches[{number}]"
-        try:
-            link = resolve_name("link", message.header.frame_id, robot.frames_by_name, namespace)
-        except InvalidInputError as error:
-            raise InvalidInputError(f"{location}.header.frame_id: {error}") from None
+        link = resolve_link(message.header.frame_id, robot, namespace, f"{location}.header.frame_id")
         values = read_wrench(message.wrench, f"{location} on {link!r}")
         stamp = to_nanoseconds(message.header.stamp)
         if message.header.stamp.sec < 0 or message.header.stamp.nanosec >= NS_PER_SECOND:
             raise InvalidInputError(f"{location}.header.stamp is not a valid time since the start of the trajectory")
-        is_active = np.ones(len(point_times), bool) if stamp == 0 else point_times == stamp
-        if not is_active.any():
+        rows = by_time if stamp == 0 else by_time[slice(*np.searchsorted(sorted_times, [stamp, stamp + 1]))]
+        if not len(rows):
             raise InvalidInputError(
                 f"{location} on {link!r} has stamp {stamp * 1e-9:.9g} s, and no point has that "
                 "time_from_start. A zero stamp means every point"
             )
-        wrenches[link] = wrenches.get(link, 0) + is_active[:, None] * values
+        wrenches.setdefault(link, np.zeros((len(times), 6)))[rows] += values
     return wrenches
+
+
+def resolve_link(name: str, robot: Robot, namespace: str, location: str) -> str:
+    """Return the name of the link that a message means; `location` is the name of its field in errors."""
+    try:
+        return resolve_name("link", name, robot.frames_by_name, namespace)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{location}: {error}") from None
+
+
+def wrenches_at(wrenches: Mapping[str, Array], rows: slice) -> dict[str, Array]:
+    """Return {link name: (k, 6) or (6,)} at a range of points, of (N, 6) or (6,) where they are constant."""
+    return {link: values if values.ndim == 1 else values[rows] for link, values in wrenches.items()}
 
 
 def write_reactions(points: Sequence[JointTrajectoryPoint], reactions: Array, order: JointOrder) -> list[WrenchStamped]:

@@ -49,7 +49,7 @@ def folder(tmp_path, monkeypatch, no_background_work):
 def compilations(monkeypatch, no_background_work, no_code_in_memory):
     """The list of the modules that were compiled, not loaded from the cache."""
     texts, compiled = [], llvm_engine.compile_ir
-    monkeypatch.setattr(llvm_engine, "compile_ir", lambda text: texts.append(text) or compiled(text))
+    monkeypatch.setattr(llvm_engine, "compile_ir", lambda text, level: texts.append(text) or compiled(text, level))
     return texts
 
 
@@ -113,7 +113,7 @@ def test_complete_files_that_do_not_link_are_replaced(folder, compilations):
     for file in folder.iterdir():
         file.unlink()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(llvm_engine, "compile_ir", lambda text: b"no object code")
+        patch.setattr(llvm_engine, "compile_ir", lambda text, level: b"no object code")
         with pytest.raises(Exception, match="could not be compiled"):
             works()
     assert works()

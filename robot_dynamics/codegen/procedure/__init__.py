@@ -1,0 +1,1 @@
+"""Procedures as machine code: symbols, staging, and the text of LLVM IR that results."""

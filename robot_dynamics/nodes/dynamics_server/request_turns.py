@@ -1,0 +1,152 @@
+"""Requests in turns: long ones leave room for those of other clients."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.qos import SERVICE_QOS
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+    from rclpy.service import Service
+
+    from robot_dynamics.nodes.dynamics_server.point_work import PointWork
+
+ROUND_TIME = 0.02
+"""Time [s] of a round, in which each unfinished request has one turn."""
+RANGE_SHARE = 0.8
+"""Part of a turn that one range takes at most, unless most of that were overhead."""
+MOST_OVERHEAD = 2
+"""Time of a range, relative to that of the shortest one, up to which ranges grow. With loops a range of one point takes
+nearly as long as one of fifty: in shorter ones a request would take many times as long."""
+LARGEST_GROWTH = 32
+"""Factor from the number of points in a range to that in the next one, at most."""
+OVERRUN = 1.5
+"""Factor on the intended time of a range from which on the next one is smaller."""
+
+
+@dataclass(eq=False)
+class PendingRequest:
+    """A request whose response is not complete.
+
+    Attributes
+    ----------
+    work : its work.
+    complete : makes the response of a reason of refusal, empty if the request succeeded.
+    send : sends the response; None until the executor has handed over the header of the request.
+    """
+
+    work: PointWork
+    complete: Callable[[str], Any]
+    send: Callable[[Any], None] | None = None
+
+    def __post_init__(self) -> None:
+        self._start = 0
+        self._size = self.work.first_range
+        self._shortest = math.inf  # time of a range [s]: nearly that part which does not depend on the number of points
+
+    def advance(self, seconds: float) -> bool:
+        """Do about `seconds` of work, one range at least. Return whether the work is done."""
+        began = time.perf_counter()
+        while True:
+            started = time.perf_counter()
+            stop = min(self.work.count, self._start + self._size)
+            self.work.compute(slice(self._start, stop))
+            now = time.perf_counter()
+            self._shortest = min(self._shortest, now - started)
+            target = max(RANGE_SHARE * seconds, MOST_OVERHEAD * self._shortest)
+            self._size = next_range_size(stop - self._start, now - started, target)
+            self._start = stop
+            if stop == self.work.count:
+                self.work.finish()
+                return True
+            if now - began > seconds / 2:
+                return False
+
+
+def next_range_size(size: int, elapsed: float, target: float) -> int:
+    """Return the number of points that take about `target` [s], after `size` points took `elapsed` [s].
+
+    A part of the time does not depend on the number of points: a range that ends early grows to twice its size or more.
+    """
+    if elapsed < target:
+        return min(max(int(size * target / elapsed), 2 * size), LARGEST_GROWTH * size)
+    return max(1, int(size * target / elapsed)) if elapsed > OVERRUN * target else size
+
+
+class RequestTurns:
+    """Answers requests: short ones at once, long ones in turns between the callbacks of the node's executor.
+
+    Each new request has its first turn when the executor takes it. Requests that this does not complete follow each
+    other in turns of ROUND_TIME, divided among them. The executor runs the callbacks that are due after each turn.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._pending: deque[PendingRequest] = deque()
+
+    def __len__(self) -> int:
+        return len(self._pending)
+
+    def create_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> Service:
+        """Create a service whose callback returns the response, or the PendingRequest that `start` has returned."""
+        service = self._node.create_service(kind, name, callback, qos_profile=SERVICE_QOS)
+        send_now = service.send_response
+
+        def send_or_keep(response: Any, header: Any) -> None:
+            if isinstance(response, PendingRequest):
+                response.send = lambda completed: send_now(completed, header)
+                self._keep(response)
+            else:
+                send_now(response, header)
+
+        # executors send what the callback returns by this method
+        service.send_response = send_or_keep  # type: ignore[method-assign]
+        return service
+
+    def start(self, work: PointWork, complete: Callable[[str], Any]) -> Any:
+        """Give a request its first turn. Return its response, or the PendingRequest if it is not complete."""
+        request = PendingRequest(work, complete)
+        return complete("") if request.advance(self._turn_time()) else request
+
+    def _turn_time(self) -> float:
+        """Return the time of a turn of one of the pending requests, or of one more [s]."""
+        return ROUND_TIME / max(1, len(self._pending) + 1)
+
+    def _keep(self, request: PendingRequest) -> None:
+        self._pending.append(request)
+        if len(self._pending) == 1:
+            self._schedule()
+
+    def _schedule(self) -> None:
+        executor = self._node.executor
+        if executor is not None:
+            executor.create_task(self._run_turn)
+
+    def _run_turn(self) -> None:
+        """Give the first pending request a turn."""
+        request = self._pending.popleft()
+        try:
+            self._advance(request)
+        except Exception as error:  # the client has gone, for example
+            failure_reason(self._node.get_logger(), error)
+        if self._pending:
+            self._schedule()
+
+    def _advance(self, request: PendingRequest) -> None:
+        reason = ""
+        try:
+            is_done = request.advance(self._turn_time())
+        except Exception as error:
+            is_done = True
+            reason = failure_reason(self._node.get_logger(), error)
+        if not is_done:
+            self._pending.append(request)
+        elif request.send is not None:
+            request.send(request.complete(reason))

@@ -1,0 +1,161 @@
+"""Procedures: functions with loops and branches on numbers that run as Python and can be compiled.
+
+A procedure is written once, with NumPy arrays of fixed sizes. Called with arrays it runs as any function.
+`codegen.procedure` calls it with symbols instead, and stages it: `if`, `while` and `for ... in range(...)` become
+branches and loops of machine code, all other statements are evaluated in the order in which the loops reach them.
+
+Rules for a procedure, checked when it is staged:
+
+- Sizes of arrays are known. What depends on no argument is computed once, when it is staged.
+- A name keeps its shape where it is assigned in a loop or in one branch.
+- `for ... in range(...)` is a loop of the machine code, `for` over anything else is unrolled.
+- The only `return` is the last statement.
+- Arrays whose entries are assigned come from `zeros`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextvars import ContextVar
+from functools import wraps
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from robot_dynamics.array_types import ScalarArray
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Stage(Protocol):
+    """Stages procedures, as codegen.procedure.staging.Stage does."""
+
+    def call(self, function: Callable[..., Any], arguments: Sequence[Any], options: dict[str, Any]) -> Any:
+        """The result of a procedure, with symbols."""
+
+    def zeros(self, shape: tuple[int, ...]) -> Any:
+        """An array of zeros whose entries can be assigned."""
+
+    def copy(self, values: Any) -> Any:
+        """A copy of an array whose entries can be assigned."""
+
+    def select(self, condition: Any, chosen: Any, otherwise: Any) -> Any:
+        """`chosen` where the condition holds, else `otherwise`."""
+
+    def largest(self, values: Any) -> Any:
+        """The largest of some values, nan if one is nan."""
+
+    def magnitude(self, value: Any) -> Any:
+        """The absolute value of a number."""
+
+    def rounded(self, value: Any) -> Any:
+        """The integer nearest to a number, as a float."""
+
+
+active_stage: ContextVar[Stage | None] = ContextVar("active_stage", default=None)
+"""The Stage of the procedure that is being staged."""
+
+
+def procedure(function: Function) -> Function:
+    """Mark a function as a procedure."""
+
+    @wraps(function)
+    def call(*arguments: Any, **options: Any) -> Any:
+        stage = active_stage.get()
+        return function(*arguments, **options) if stage is None else stage.call(function, arguments, options)
+
+    return call  # type: ignore[return-value]  # same signature
+
+
+def zeros(*shape: int) -> Any:
+    """An array of zeros whose entries the procedure assigns."""
+    stage = active_stage.get()
+    return np.zeros(shape) if stage is None else stage.zeros(shape)
+
+
+def select(condition: Any, chosen: Any, otherwise: Any) -> Any:
+    """`chosen` where the condition holds, else `otherwise`; entry by entry of arrays of one shape."""
+    stage = active_stage.get()
+    return np.where(condition, chosen, otherwise)[()] if stage is None else stage.select(condition, chosen, otherwise)
+
+
+def largest(values: ScalarArray) -> Any:
+    """The largest entry of an array, nan if one is nan, 0 if there is none."""
+    stage = active_stage.get()
+    if stage is not None:
+        return stage.largest(values)
+    return np.max(values) if np.size(values) else 0.0
+
+
+def magnitude(values: Any) -> Any:
+    """Absolute values, entry by entry."""
+    stage = active_stage.get()
+    return np.abs(values) if stage is None else stage.magnitude(values)
+
+
+def rounded(values: Any) -> Any:
+    """Nearest integers as floats, entry by entry; halves to the even one."""
+    stage = active_stage.get()
+    return np.rint(values) if stage is None else stage.rounded(values)
+
+
+def as_array(values: Any) -> Any:
+    """A copy of an array whose entries the procedure assigns, and reads with counters."""
+    stage = active_stage.get()
+    return np.array(values, dtype=float) if stage is None else stage.copy(values)
+
+
+def solve(matrix: Any, right_side: Any) -> Any:
+    """The solution (n, k) of matrix (n, n) x = right_side (n, k); staged, it is not finite where there is none."""
+    if active_stage.get() is None:
+        return np.linalg.solve(matrix, right_side)
+    return _eliminate(as_array(matrix), as_array(right_side))
+
+
+@procedure
+def _eliminate(rows: Any, solution: Any) -> Any:
+    """`solve` by elimination with row pivots; both arrays are overwritten."""
+    size, columns = solution.shape
+    for k in range(size):
+        pivot = k
+        for i in range(k + 1, size):
+            if magnitude(rows[i, k]) > magnitude(rows[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(size):
+                exchanged = rows[k, j]
+                rows[k, j] = rows[pivot, j]
+                rows[pivot, j] = exchanged
+            for j in range(columns):
+                exchanged = solution[k, j]
+                solution[k, j] = solution[pivot, j]
+                solution[pivot, j] = exchanged
+        reciprocal = 1 / rows[k, k]
+        for i in range(k + 1, size):
+            factor = rows[i, k] * reciprocal
+            for j in range(k + 1, size):
+                rows[i, j] = rows[i, j] - factor * rows[k, j]
+            for j in range(columns):
+                solution[i, j] = solution[i, j] - factor * solution[k, j]
+    for eliminated in range(size):
+        k = size - 1 - eliminated
+        for j in range(columns):
+            remainder = solution[k, j]
+            for i in range(k + 1, size):
+                remainder = remainder - rows[k, i] * solution[i, j]
+            solution[k, j] = remainder / rows[k, k]
+    return solution
+
+
+def is_finite(values: Any) -> Any:
+    """Whether all entries of an array are finite."""
+    return largest(magnitude(values)) < np.inf
+
+
+def finite_or_zero(values: ScalarArray) -> Any:
+    """The entries of an array, 0 in place of those that are not finite."""
+    stage = active_stage.get()
+    if stage is None:
+        return np.where(np.isfinite(values), values, 0.0)
+    return np.array([stage.select(is_finite(value), value, 0.0) for value in values])
