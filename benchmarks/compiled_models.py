@@ -18,6 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from shutil import which
 from threading import Thread
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -28,8 +29,10 @@ from inverse_direct import processor_name, time_both
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics.codegen.jit import engine
 from robot_dynamics.codegen.jit.compiled_models import MODELS
 from robot_dynamics.codegen.jit.python_functions import python_function
+from robot_dynamics.codegen.trace.program import OperationCount
 
 ROBOTS = {
     "panda": lambda: shipped_robots()["panda"].read_text(),
@@ -231,18 +234,43 @@ PEERS = {
 }
 
 
-def first_use(urdf, model):
-    """(time to trace and compile [s], time to load from the cache [s], operations) of a model."""
+class FirstUse(NamedTuple):
+    """Processor time of the first use of a model [s], the least of several rounds, and its operations.
+
+    compile: trace and machine code. compile_alone: also the code that is the same for all programs, as on a machine
+    that has compiled no program yet. load: from the cache.
+    """
+
+    compile: float
+    compile_alone: float
+    load: float
+    operations: OperationCount
+
+
+def first_use(urdf, model, rounds):
+    """The FirstUse of a model of a robot, each round with an empty cache."""
     robot = load_robot(urdf)
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["ROBOT_DYNAMICS_CACHE"] = folder
-        times = []
-        for _ in range(2):
-            started = time.perf_counter()
-            program = Dynamics(robot).compile(model)
-            times.append(time.perf_counter() - started)
-        del os.environ["ROBOT_DYNAMICS_CACHE"]
-    return *times, program.program.operations
+    times = []
+    for _ in range(rounds):
+        with tempfile.TemporaryDirectory() as folder:
+            os.environ["ROBOT_DYNAMICS_CACHE"] = folder
+            shared = dict(engine.shared_object_code)
+            engine.shared_object_code.clear()
+            compile_alone, program = processor_time(lambda: Dynamics(robot).compile(model))
+            load, _ = processor_time(lambda: Dynamics(robot).compile(model))
+            engine.shared_object_code.update(shared)
+            os.environ["ROBOT_DYNAMICS_CACHE"] = ""
+            compile_time, _ = processor_time(lambda: Dynamics(robot).compile(model))
+            del os.environ["ROBOT_DYNAMICS_CACHE"]
+        times.append((compile_time, compile_alone, load))
+    return FirstUse(*map(min, zip(*times, strict=True)), program.program.operations)
+
+
+def processor_time(call):
+    """(processor time of a call [s], its result)."""
+    started = time.process_time()
+    result = call()
+    return time.process_time() - started, result
 
 
 def installed_version(package):
@@ -261,11 +289,12 @@ def main():
     versions = ", ".join(map(installed_version, ("numpy", "llvmlite", "pin", "mujoco", "drake", "casadi")))
     print(f"{processor_name()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}\n")
     Dynamics(load_robot("ur5e")).compile("gravity")  # imports llvmlite, which is not measured
-    print(f"{'':<48} {'compile':>9} {'cached':>9}   operations")
+    print(f"{'processor time':<48} {'compile':>9} {'first one':>9} {'cached':>9}   operations")
     for name in options.robots:
-        for model in ("inverse", "direct"):
-            compiled, cached, operations = first_use(ROBOTS[name](), model)
-            print(f"{f'{name}: {model}':<48} {compiled * 1e3:6.0f} ms {cached * 1e3:6.0f} ms   {operations}")
+        for model in ("inverse", "direct", "regressor"):
+            *times, operations = first_use(ROBOTS[name](), model, options.rounds)
+            columns = " ".join(f"{seconds * 1e3:6.0f} ms" for seconds in times)
+            print(f"{f'{name}: {model}':<48} {columns}   {operations}")
     print(f"\n{'':<48} {'ours':>12} {'peer':>12} {'ratio':>8}")
     for label, ours, theirs in thread_scaling_cases():
         print_row(label, ours, theirs, 1, options.rounds)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.angular_motion import AngularMotion
+from robot_dynamics.newton_euler.angular_motion import angular_motion
 from robot_dynamics.newton_euler.kinematics import joint_placement, link_placements
 from robot_dynamics.newton_euler.screw import apply, cross, screw, stack_matrices, wrench_to_antecedent
 
@@ -145,7 +145,7 @@ def _chain(robot: Robot, numbers: Sequence[int], end: LoopEnd, q: ScalarArray, q
         axes[number] = z, P
         if qd is not None:
             rate = qd[..., number : number + 1]
-            acceleration = acceleration + AngularMotion(omega, angular_acceleration).times(offset)
+            acceleration = acceleration + angular_motion(omega, angular_acceleration).times(offset)
             if joint.prismatic:
                 acceleration = acceleration + 2 * cross(omega, z * rate)
             else:
@@ -154,7 +154,7 @@ def _chain(robot: Robot, numbers: Sequence[int], end: LoopEnd, q: ScalarArray, q
     offset = apply(R, end.placement[:3, 3])
     P = P + offset
     if qd is not None:
-        acceleration = acceleration + AngularMotion(omega, angular_acceleration).times(offset)
+        acceleration = acceleration + angular_motion(omega, angular_acceleration).times(offset)
     columns = {
         number: screw(z, np.zeros_like(z)) if robot.joints[number].prismatic else screw(cross(z, P - point), z)
         for number, (z, point) in axes.items()

@@ -25,21 +25,30 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
 
 
-def minimal_frames(robot: Robot) -> Robot:
+def minimal_frames(robot: Robot, keep_origins_at_rest: bool = False) -> Robot:
     """Return the same robot in the link frames with the fewest MDH parameters.
 
     The first link on every link but the base has γ = b = 0, where the axes of the two are parallel or clearly not.
     Joint variables, inertias, reactions, loops and named frames keep their meaning; only the joint placements and the
     numbers of the inertias change with the frames.
+
+    keep_origins_at_rest: on a fixed base, whether the origin of a frame is a point at rest where its joint axis has
+    one, as the centre of a shoulder; it then need not lie on the common normal.
     """
     # the first joint on each link
     successors = {joint.antecedent: joint for joint in reversed(robot.joints)}
     changes: list[ScalarArray] = [np.eye(4)]  # placement of the new frame j in the old one; frame 0 stays
     joints = []
     links = [robot.links[0]]
+    at_rest = [keep_origins_at_rest and not robot.moving_base] + [False] * len(robot.joints)
     for number, (joint, link) in enumerate(zip(robot.joints, robot.links[1:], strict=True), start=1):
         pose = invert_placement(changes[joint.antecedent]) @ joint.placement
-        change = _screw_along_z(*_choose_frame(pose, successors.get(number)))
+        angle, distance = _choose_frame(pose, successors.get(number))
+        if at_rest[joint.antecedent] and not joint.prismatic:
+            distance_to_origin = _distance_to_origin(pose) if joint.antecedent > 0 else distance
+            at_rest[number] = distance_to_origin is not None
+            distance = distance if distance_to_origin is None else distance_to_origin
+        change = _screw_along_z(angle, distance)
         changes.append(change)
         joints.append(replace(joint, placement=_without_rounding(pose @ change)))
         links.append(link.transformed_by(invert_placement(change)))
@@ -81,6 +90,16 @@ def _choose_frame(pose: ScalarArray, successor: Joint | None) -> tuple[float, fl
     if math.hypot(point[0], point[1]) > ROUNDING:
         return _nearest_normal(math.atan2(point[1], point[0]), zero_theta), zero_r
     return zero_theta, zero_r
+
+
+def _distance_to_origin(pose: ScalarArray) -> float | None:
+    """Return the distance along z_j from O_j to O_i, None where the axis does not pass through O_i.
+
+    pose: iTj (4, 4).
+    """
+    axis, point = pose[:3, 2], pose[:3, 3]
+    distance = -float(axis @ point)
+    return distance if np.abs(point + distance * axis).max() < ROUNDING else None
 
 
 def _nearest_normal(angle: float, preferred: float) -> float:

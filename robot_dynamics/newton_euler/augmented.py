@@ -1,8 +1,8 @@
 """Inverse dynamic model by augmented bodies (Renaud), for trees: the recursion with the fewest operations.
 
-The augmented body j is link j and, for each revolute joint k whose antecedent it is, a point mass m*_k at O_k: the mass
-of the subtree of this joint up to the next prismatic joints. Its moments are constant, so that masses multiply
-accelerations once for each link and not once for each pair of links. The backward pass transmits only
+The augmented bodies have constant parts of other bodies: a revolute link is left without mass, but for point masses at
+joint origins that `augmented_bodies` chooses. With Renaud's m*_j, the mass of the subtree of a joint, the backward pass
+then transmits only
 
     e_j = f_j - m*_j α_j,   α_j the acceleration of O_j with gravity subtracted
 
@@ -21,7 +21,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.angular_motion import AngularMotion, components, vector_from_components
+from robot_dynamics.newton_euler.angular_motion import (
+    angular_motion,
+    angular_motion_from_axis,
+    components,
+    permuted_angular_motion,
+    vector_from_components,
+)
+from robot_dynamics.newton_euler.augmented_bodies import augmented_bodies, has_constant_orientation, is_not_zero
 from robot_dynamics.newton_euler.kinematics import joint_placement
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, concatenate_vectors, cross, screw
 
@@ -29,32 +36,8 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.robot import Robot
-
-
-class AugmentedBodies(NamedTuple):
-    """Augmented bodies by link number: m*; first moments u* (3,); second moments k* (3, 3) about O_j."""
-
-    masses: list[float]
-    first_moments: list[ScalarArray]
-    second_moments: list[ScalarArray]
-
-
-def augmented_bodies(robot: Robot) -> AugmentedBodies:
-    """The constant AugmentedBodies of a robot."""
-    masses = [link.inertia.mass for link in robot.links]
-    first = [link.inertia.first_moments for link in robot.links]
-    second = [link.inertia.second_moments for link in robot.links]
-    for j in range(len(robot.joints), 0, -1):
-        joint = robot.joints[j - 1]
-        i = joint.antecedent
-        mass = masses[j]
-        P = joint.placement[:3, 3]
-        if not joint.prismatic:
-            masses[i] = masses[i] + mass
-            first[i] = first[i] + mass * P  # u* = u + m* p
-            square = P[0] * P[0] + P[1] * P[1] + P[2] * P[2]
-            second[i] = second[i] + mass * (square * np.eye(3, dtype=int) - P[:, None] * P)  # k* = k - m* p̂ p̂
-    return AugmentedBodies(masses, first, second)
+    from robot_dynamics.newton_euler.angular_motion import AngularMotion
+    from robot_dynamics.newton_euler.augmented_bodies import AugmentedBodies
 
 
 def inverse_dynamics(
@@ -85,32 +68,26 @@ def inverse_dynamics(
         Wrench that holds the base.
     """
     motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration)
-    return _run_backward_pass(robot, augmented_bodies(robot), motions, qdd, external_wrenches)
+    rotates = any(is_not_zero(entry) for motion in motions for row in motion.angular.B for entry in row)
+    return _run_backward_pass(robot, augmented_bodies(robot, rotates), motions, qdd, external_wrenches)
 
 
-class LinkMotion(AngularMotion):
+class LinkMotion(NamedTuple):
     """Motion of a link, in frame j.
 
     Attributes
     ----------
     R, P : ndarray, shape (..., 3, 3) and (..., 3)
         iRj and iPj, for the base the identity and zero.
+    angular : AngularMotion
     alpha : ndarray, shape (..., 3)
         α_j, the acceleration of O_j with gravity subtracted.
     """
 
-    def __init__(
-        self,
-        R: ScalarArray,
-        P: ScalarArray,
-        omega: ScalarArray,
-        angular_acceleration: ScalarArray,
-        alpha: ScalarArray,
-    ) -> None:
-        super().__init__(omega, angular_acceleration)
-        self.R = R
-        self.P = P
-        self.alpha = alpha
+    R: ScalarArray
+    P: ScalarArray
+    angular: AngularMotion
+    alpha: ScalarArray
 
 
 def link_motions(
@@ -120,34 +97,75 @@ def link_motions(
     qdd: ScalarArray,
     base_twist: ScalarArray,
     base_acceleration: ScalarArray,
+    for_all_parameters: bool = False,
 ) -> list[LinkMotion]:
-    """LinkMotion of each link by link number (eq. 1 to 6); arguments as for `inverse_dynamics`."""
-    base = LinkMotion(
-        np.eye(3), np.zeros(3), base_twist[..., 3:], base_acceleration[..., 3:], base_acceleration[..., :3]
-    )
+    """LinkMotion of each link by link number (eq. 1 to 6); arguments as for `inverse_dynamics`.
+
+    for_all_parameters: whether the effects of all inertial parameters are computed, not only of those of the robot.
+    """
+    angular = angular_motion(base_twist[..., 3:], base_acceleration[..., 3:])
+    base = LinkMotion(np.eye(3), np.zeros(3), angular, base_acceleration[..., :3])
     motions = [base]
     for j, joint in enumerate(robot.joints, start=1):
         position = q[..., j - 1 : j]
-        motions.append(_successor_motion(joint, motions[joint.antecedent], position, qd[..., j - 1], qdd[..., j - 1]))
+        reads_difference = for_all_parameters or is_not_zero(robot.links[j].inertia.second_moments[0, 2])
+        motions.append(
+            _successor_motion(
+                joint, motions[joint.antecedent], position, qd[..., j - 1], qdd[..., j - 1], reads_difference
+            )
+        )
     return motions
 
 
 def _successor_motion(
-    joint: Joint, antecedent: LinkMotion, position: ScalarArray, rate: ScalarArray, acceleration: ScalarArray
+    joint: Joint,
+    antecedent: LinkMotion,
+    position: ScalarArray,
+    rate: ScalarArray,
+    acceleration: ScalarArray,
+    reads_difference: bool,
 ) -> LinkMotion:
-    """Motion of the link that a joint moves, from that of its antecedent (eq. 1 to 6)."""
+    """Motion of the link that a joint moves, from that of its antecedent (eq. 1 to 6).
+
+    reads_difference: see `angular_motion_from_axis`.
+    """
     R, P = joint_placement(joint, position)
-    omega = apply_transposed(R, antecedent.omega)  # eq. 1a
-    angular_acceleration = apply_transposed(R, antecedent.angular_acceleration)  # eq. 3a
-    alpha = apply_transposed(R, antecedent.alpha + antecedent.times(P))  # eq. 6a, 6b
-    x, y, z = components(omega)
-    a, b, c = components(angular_acceleration)
-    if joint.prismatic:
-        alpha = alpha + vector_from_components(2 * rate * y, -2 * rate * x, acceleration)  # eq. 5, 6c
+    alpha = apply_transposed(R, antecedent.alpha + antecedent.angular.times(P))  # eq. 6a, 6b
+    if not joint.prismatic:
+        angular = _turned_motion(joint, R, antecedent.angular, rate, acceleration, reads_difference)
+        return LinkMotion(R, P, angular, alpha)
+    if _permutes_axes(joint):
+        angular = permuted_angular_motion(R, antecedent.angular)
     else:
-        omega = vector_from_components(x, y, z + rate)  # eq. 1b
-        angular_acceleration = vector_from_components(a + rate * y, b - rate * x, c + acceleration)  # eq. 3b
-    return LinkMotion(R, P, omega, angular_acceleration, alpha)
+        vectors = antecedent.angular.omega, antecedent.angular.angular_acceleration
+        angular = angular_motion(*(apply_transposed(R, vector) for vector in vectors))
+    x, y, _ = components(angular.omega)
+    alpha = alpha + vector_from_components(2 * rate * y, -2 * rate * x, acceleration)  # eq. 5, 6c
+    return LinkMotion(R, P, angular, alpha)
+
+
+def _turned_motion(
+    joint: Joint,
+    R: ScalarArray,
+    antecedent: AngularMotion,
+    rate: ScalarArray,
+    acceleration: ScalarArray,
+    reads_difference: bool,
+) -> AngularMotion:
+    """AngularMotion of the link that a revolute joint turns, from that of its antecedent (eq. 1 to 3)."""
+    x, y, z = components(apply_transposed(R, antecedent.omega))  # eq. 1a
+    omega = vector_from_components(x, y, z + rate)  # eq. 1b
+    if _permutes_axes(joint):
+        axis = joint.rotation[..., 2]
+        spin = apply_transposed(joint.rotation, antecedent.angular_acceleration)[..., 2] + acceleration
+        return angular_motion_from_axis(omega, apply_transposed(R, antecedent.times(axis)), spin, reads_difference)
+    a, b, c = components(apply_transposed(R, antecedent.angular_acceleration))  # eq. 3a
+    return angular_motion(omega, vector_from_components(a + rate * y, b - rate * x, c + acceleration))  # eq. 3b
+
+
+def _permutes_axes(joint: Joint) -> bool:
+    """Whether the axes of a joint's frame at position zero are those of its antecedent, in any order and direction."""
+    return has_constant_orientation(joint) and bool(np.isin(joint.rotation.astype(float), (-1.0, 0.0, 1.0)).all())
 
 
 def _run_backward_pass(
@@ -168,18 +186,21 @@ def _run_backward_pass(
         force = _sum(force, forces[j])
         moment = _sum(moment, moments[j])
         if joint.prismatic:
-            force = force + bodies.masses[j] * motion.alpha  # f_j, eq. 8
+            force = force + bodies.inertias[j].mass * motion.alpha  # f_j, eq. 8
         component = (force if joint.prismatic else moment)[..., 2:3]
         joint_forces.append(component + joint.rotor_inertia * qdd[..., j - 1 : j])  # eq. 10
         i = joint.antecedent
         transmitted_force = apply(motion.R, force)  # eq. 7b
+        if bodies.point_masses[j] != 0:
+            acceleration = motions[i].alpha + motions[i].angular.times(motion.P)  # of O_j, in frame i
+            transmitted_force = transmitted_force + bodies.point_masses[j] * acceleration
         transmitted_moment = apply(motion.R, moment) + cross(motion.P, transmitted_force)  # eq. 9b, last term of 9a
         forces[i] = transmitted_force if forces[i] is None else forces[i] + transmitted_force
         moments[i] = transmitted_moment if moments[i] is None else moments[i] + transmitted_moment
     force, moment = _link_wrench(bodies, motions[0], 0, external_wrenches)
     force = _sum(force, forces[0])
     moment = _sum(moment, moments[0])
-    wrench = screw(force + bodies.masses[0] * motions[0].alpha, moment)
+    wrench = screw(force + bodies.inertias[0].mass * motions[0].alpha, moment)
     return concatenate_vectors(joint_forces[::-1]), wrench
 
 
@@ -187,9 +208,13 @@ def _link_wrench(
     bodies: AugmentedBodies, motion: LinkMotion, j: int, external_wrenches: Mapping[int, ScalarArray]
 ) -> tuple[ScalarArray, ScalarArray]:
     """Part of e_j and of the moment (..., 3) that the augmented body j itself requires."""
-    first = bodies.first_moments[j]
-    force = motion.times(first)  # e_j, eq. 7a
-    moment = rotational_moment(bodies.second_moments[j], motion) + cross(first, motion.alpha)  # eq. 9a
+    first = bodies.inertias[j].first_moments
+    second = bodies.inertias[j].second_moments
+    moment = (
+        flat_moment(second, first, motion.angular) if bodies.is_flat[j] else rotational_moment(second, motion.angular)
+    )
+    force = motion.angular.times(first)  # e_j, eq. 7a
+    moment = moment + cross(first, motion.alpha)  # eq. 9a
     if j in external_wrenches:
         force = force + external_wrenches[j][..., :3]
         moment = moment + external_wrenches[j][..., 3:]
@@ -208,8 +233,23 @@ def rotational_moment(K: ScalarArray, motion: AngularMotion) -> ScalarArray:
     x = K[0, 0] * a + (K[2, 2] - K[1, 1]) * motion.yz - K[0, 1] * B[2][0] + K[0, 2] * B[1][0]
     y = K[1, 1] * b + (K[0, 0] - K[2, 2]) * motion.xz + K[0, 1] * B[2][1] - K[1, 2] * B[0][1]
     z = K[2, 2] * c + (K[1, 1] - K[0, 0]) * motion.xy - K[0, 2] * B[1][2] + K[1, 2] * B[0][2]
-    return vector_from_components(
-        x + K[1, 2] * (motion.yy - motion.zz),
-        y + K[0, 2] * (motion.zz - motion.xx),
-        z + K[0, 1] * (motion.xx - motion.yy),
-    )
+    yy_zz, zz_xx, xx_yy = motion.differences
+    return vector_from_components(x + K[1, 2] * yy_zz, y + K[0, 2] * zz_xx, z + K[0, 1] * xx_yy)
+
+
+def flat_moment(K: ScalarArray, first: ScalarArray, motion: AngularMotion) -> ScalarArray:
+    """k a + ω × k ω (..., 3) for a symmetric k (3, 3) with k_xx + k_yy = k_zz.
+
+    No part of k a is then computed apart: the sums are those of the entries of B.
+    """
+    B = motion.B
+    yy_zz, zz_xx, xx_yy = motion.differences
+    reads_both = (is_not_zero(first[0]) or is_not_zero(K[0, 2])) and (is_not_zero(first[1]) or is_not_zero(K[1, 2]))
+    x = K[0, 0] * B[2][1] - K[0, 1] * B[2][0] + K[0, 2] * B[1][0] + K[1, 2] * yy_zz
+    y = K[0, 1] * B[2][1] - K[1, 1] * B[2][0] - K[1, 2] * B[0][1] + K[0, 2] * zz_xx
+    if reads_both or not (is_not_zero(K[0, 0]) and is_not_zero(K[1, 1])):
+        spin = K[1, 1] * B[1][0] - K[0, 0] * B[0][1]
+    else:
+        spin = (K[0, 0] + K[1, 1]) * motion.angular_acceleration[..., 2] + (K[1, 1] - K[0, 0]) * motion.xy
+    z = spin - K[0, 2] * B[1][2] + K[1, 2] * B[0][2] + K[0, 1] * xx_yy
+    return vector_from_components(x, y, z)

@@ -88,7 +88,7 @@ def regressor(
     ndarray, shape (..., m, p)
         m = n, or 6 + n with a moving base, whose wrench comes first.
     """
-    motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration)
+    motions = link_motions(robot, q, qd, qdd, base_twist, base_acceleration, for_all_parameters=True)
     base = 6 if robot.moving_base else 0
     joints = len(robot.joints)
     zero = 0 * (q[..., 0] if joints else base_acceleration[..., 0])
@@ -137,9 +137,9 @@ def _unit_wrenches(motion: LinkMotion) -> Iterator[ScalarArray]:
         K = np.zeros((3, 3), dtype=int)
         K[row, column] = 1
         K[column, row] = 1
-        yield screw(zero, rotational_moment(K, motion))
+        yield screw(zero, rotational_moment(K, motion.angular))
     for axis in np.eye(3, dtype=int):
-        yield screw(motion.times(axis), cross(axis + zero, motion.alpha))
+        yield screw(motion.angular.times(axis), cross(axis + zero, motion.alpha))
     yield screw(motion.alpha, zero)
 
 

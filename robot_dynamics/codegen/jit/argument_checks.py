@@ -84,7 +84,7 @@ other:
   ret i8 0
 }
 
-define internal void @refuse(ptr %kind.at, ptr %text, i64 %index, i64 %needed, i64 %count) noinline cold {
+define internal void @refuse(ptr %kind.at, ptr %text, i64 %index, i64 %needed, i64 %count) noinline optnone cold {
   %kind = load ptr, ptr %kind.at
   %name.at = getelementptr %argument, ptr @arguments, i64 %index, i32 1
   %name = load ptr, ptr %name.at
@@ -96,7 +96,7 @@ define internal void @refuse(ptr %kind.at, ptr %text, i64 %index, i64 %needed, i
 }
 
 ; As above, with a text in the message.
-define internal void @refuse_text(ptr %text, i64 %index, ptr %description) noinline cold {
+define internal void @refuse_text(ptr %text, i64 %index, ptr %description) noinline optnone cold {
   %number = ptrtoint ptr %description to i64
   call void @refuse(ptr $TypeError, ptr %text, i64 %index, i64 %number, i64 0)
   ret void
@@ -115,7 +115,7 @@ yes:
   ret i1 true
 }
 
-define internal i1 @is_double(ptr %format) noinline cold {
+define internal i1 @is_double(ptr %format) noinline optnone cold {
   %missing = icmp eq ptr %format, null
   br i1 %missing, label %no, label %first
 first:
@@ -145,7 +145,7 @@ no:
 }
 
 ; Fills a Py_buffer of any object and checks it. Returns whether it is valid; if not, an exception is set.
-define internal i1 @acquire(ptr %object, ptr %view, i64 %index) noinline {
+define internal i1 @acquire(ptr %object, ptr %view, i64 %index) noinline optnone {
   %get = load ptr, ptr $PyObject_GetBuffer
   %failed = call i32 %get(ptr %object, ptr %view, i32 284) ; PyBUF_FULL_RO: any layout, with its format
   %got = icmp eq i32 %failed, 0
@@ -212,7 +212,7 @@ no:
   ret i1 false
 }
 
-define internal i64 @product(ptr %sizes, i32 %axes) noinline {
+define internal i64 @product(ptr %sizes, i32 %axes) noinline optnone {
 entry:
   br label %head
 head:

@@ -54,26 +54,35 @@ class Module(NamedTuple):
         Returns the text; called only if it must be compiled.
     optimization : int
         Level of LLVM's passes, 0 to 3. At 0 only forced inlining runs: a trace has nothing left to simplify.
+    is_shared : bool
+        Whether many programs link the module: its object code then stays in memory.
     """
 
     key: str
     text: Callable[[], str]
     optimization: int = 0
+    is_shared: bool = False
 
     @classmethod
-    def from_text(cls, text: str, optimization: int = 0) -> Module:
+    def from_text(cls, text: str, optimization: int = 0, is_shared: bool = False) -> Module:
         """A Module whose text is its own key."""
-        return cls(text, lambda: text, optimization)
+        return cls(text, lambda: text, optimization, is_shared)
+
+
+shared_object_code: dict[str, bytes] = {}
+"""Object code of shared modules, by the key of the cache."""
 
 
 def object_code(module: Module, recompile: bool = False) -> bytes:
     """Object code of a Module, from the cache unless it is missing there or `recompile` is set."""
     versions = llvmlite.__version__, str(llvm.llvm_version_info), str(OPTIMIZATION_LEVEL)
     key = "\n".join([*versions, str(module.optimization), *host_target(), module.key])
-    image = None if recompile else load(key)
+    image = None if recompile else shared_object_code.get(key) or load(key)
     if image is None:
         image = compile_ir(module.text(), module.optimization)
         store(key, image)
+    if module.is_shared:
+        shared_object_code[key] = image
     return image
 
 

@@ -146,7 +146,7 @@ none:
   ret ptr %none.object
 }
 
-define internal ptr @new_array(i64 %index) noinline {
+define internal ptr @new_array(i64 %index) noinline optnone {
   %shape.at = getelementptr %argument, ptr @arguments, i64 %index, i32 2
   %shape = load ptr, ptr %shape.at
   %axes.at = getelementptr %argument, ptr @arguments, i64 %index, i32 3
@@ -158,7 +158,7 @@ define internal ptr @new_array(i64 %index) noinline {
 }
 
 ; The result of a call with the inputs alone: one new array, or a tuple that takes over their references.
-define internal ptr @new_result(ptr %arrays) noinline {
+define internal ptr @new_result(ptr %arrays) noinline optnone {
 entry:
   %results = load i64, ptr getelementptr (%signature, ptr @signature, i64 0, i32 2)
   %single = icmp eq i64 %results, 1

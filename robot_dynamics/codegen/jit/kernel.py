@@ -1,7 +1,9 @@
 """The two functions of a program in LLVM IR: for one sample, and for as many samples as a vector has lanes.
 
 Both read all inputs before they write an output. A long program is split into parts, each a function of its own,
-because the time to compile a function grows faster than its length. %scratch has the values that later parts read.
+because the time to compile a function grows faster than its length. %scratch has the values that later parts read. One
+sample writes its outputs as soon as they are known. A block writes them last: its rows are far from each other in
+memory, and each is written from start to end.
 """
 
 from __future__ import annotations
@@ -17,7 +19,15 @@ from robot_dynamics.codegen.jit.row_transpose import (
     row_pointers,
     write_columns,
 )
-from robot_dynamics.codegen.jit.schedule import SINCOS, STORE, group_sincos, list_steps, split_into_parts
+from robot_dynamics.codegen.jit.schedule import (
+    SINCOS,
+    even_bounds,
+    group_sincos,
+    insert_stores,
+    list_steps,
+    list_stores,
+    split_into_parts,
+)
 from robot_dynamics.codegen.jit.sincos import out_of_range_mask, vector_type
 from robot_dynamics.codegen.trace.scalar import INPUT
 
@@ -25,7 +35,18 @@ if TYPE_CHECKING:
     from robot_dynamics.codegen.jit.schedule import Part, Step
     from robot_dynamics.codegen.trace.program import Program
 
-MAX_PART_LENGTH = 5000
+MAX_LENGTH = 3000
+"""Steps of a program of one sample that is not divided."""
+
+PART_LENGTH = 300
+"""Steps of a part of a longer program."""
+
+MAX_BLOCK_LENGTH = 5000
+"""Steps of a part of a block, whose vectors take longer to pass from part to part."""
+
+MAX_BLOCK_STORES = 12
+"""Groups of columns that a part of a block stores, at about 30 instructions each."""
+
 MAX_SINCOS_GROUP = 8
 
 
@@ -46,13 +67,16 @@ class SampleWriter(IRWriter):
 
     def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int]) -> None:
         super().__init__(program, constants, slots, 1)
+        self.addressed: set[int] = set()
 
     def array(self, number: int) -> str:
         """The address of an array."""
-        self.lines += [
-            f"%array{number}.at = getelementptr inbounds ptr, ptr %pointers, i64 {number}",
-            f"%array{number} = load ptr, ptr %array{number}.at, align 8",
-        ]
+        if number not in self.addressed:
+            self.addressed.add(number)
+            self.lines += [
+                f"%array{number}.at = getelementptr inbounds ptr, ptr %pointers, i64 {number}",
+                f"%array{number} = load ptr, ptr %array{number}.at, align 8",
+            ]
         return f"%array{number}"
 
     def load(self, step: Step) -> None:
@@ -65,16 +89,16 @@ class SampleWriter(IRWriter):
                 ]
 
     def store(self, step: Step) -> None:
-        values = [self.signed(node, sign) for output in self.program.outputs for node, sign in output.entries]
-        values.reverse()
-        for array, output in enumerate(self.program.outputs, start=len(self.program.inputs)):
-            pointer = self.array(array)
-            for position in range(len(output.entries)):
-                address = f"%out{array}.{position}"
-                self.lines += [
-                    f"{address} = getelementptr inbounds double, ptr {pointer}, i64 {position}",
-                    f"store double {values.pop()}, ptr {address}, align 1",
-                ]
+        number, start = step.target
+        output = self.program.outputs[number]
+        pointer = self.array(len(self.program.inputs) + number)
+        for position in range(start, start + len(step.operands)):
+            value = self.signed(*output.entries[position])
+            address = f"%out{number}.{start}.{position}"
+            self.lines += [
+                f"{address} = getelementptr inbounds double, ptr {pointer}, i64 {position}",
+                f"store double {value}, ptr {address}, align 1",
+            ]
 
     def sincos(self, step: Step) -> None:
         """Emit the sines and cosines of all angles of the step in one vector of sufficient width."""
@@ -111,6 +135,7 @@ class BlockWriter(IRWriter):
     def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
         super().__init__(program, constants, slots, lanes)
         self.return_type = f"i{lanes}"
+        self.addressed: set[int] = set()
         self.out_of_range: list[str] = []
         self.prefetch_lines: list[list[str]] = []
         self.prefetched = 0
@@ -126,7 +151,7 @@ class BlockWriter(IRWriter):
 
         The processor itself prefetches what is read in order, but not over blocks as long as those of large robots.
         """
-        if part.steps[-1].operation == STORE:
+        if part.is_last:
             for array, (name, nodes) in enumerate(input_nodes(self.program).items()):
                 if nodes:
                     self.lines += next_block_pointer(array, self.lanes)
@@ -141,11 +166,14 @@ class BlockWriter(IRWriter):
         self.prefetched = end
 
     def store(self, step: Step) -> None:
-        values = [[self.signed(node, sign) for node, sign in output.entries] for output in self.program.outputs]
-        for array, columns in enumerate(values, start=len(self.program.inputs)):
-            if columns:
-                self.lines += row_pointers(array, self.lanes)
-                self.lines += write_columns(array, columns, self.lanes)
+        number, start = step.target
+        entries = self.program.outputs[number].entries[start : start + len(step.operands)]
+        columns = [self.signed(node, sign) for node, sign in entries]
+        array = len(self.program.inputs) + number
+        if array not in self.addressed:
+            self.addressed.add(array)
+            self.lines += row_pointers(array, self.lanes)
+        self.lines += write_columns(array, start, columns, self.lanes)
 
     def sincos(self, step: Step) -> None:
         angle = self.value(step.operands[0])
@@ -179,16 +207,24 @@ def vector_width(count: int) -> int:
 
 def sample_function(program: Program, constants: Mapping[int, float], name: str = "sample") -> tuple[str, set[int]]:
     """IR of `@<name>(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
-    steps = group_sincos(list_steps(program), MAX_SINCOS_GROUP)
+    steps = insert_stores(group_sincos(list_steps(program), MAX_SINCOS_GROUP), list_stores(program))
     widths = {vector_width(len(step.operands)) for step in steps if step.operation == SINCOS}
-    parts = split_into_parts(steps, MAX_PART_LENGTH)
+    length = len(steps) if len(steps) <= MAX_LENGTH else PART_LENGTH
+    parts = split_into_parts(steps, even_bounds(len(steps), length))
     text = _function(name, "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
     return text, widths
 
 
 def block_function(program: Program, constants: Mapping[int, float], lanes: int) -> str:
     """IR of `@block(ptr %pointers, ptr %strides, i64 %first, i64 %last)`, see BlockWriter. Strides are in bytes."""
-    parts = split_into_parts(list_steps(program), MAX_PART_LENGTH)
+    steps = list_steps(program)
+    stores = list_stores(program)
+    bounds = even_bounds(len(steps), MAX_BLOCK_LENGTH)
+    if len(stores) <= MAX_BLOCK_STORES:
+        bounds[-1] += len(stores)
+    else:
+        bounds += [len(steps) + bound for bound in even_bounds(len(stores), MAX_BLOCK_STORES)[1:]]
+    parts = split_into_parts([*steps, *stores], bounds)
     arguments = "ptr %pointers, ptr %strides, i64 %first, i64 %last"
     return _function("block", arguments, parts, lambda slots: BlockWriter(program, constants, slots, lanes))
 

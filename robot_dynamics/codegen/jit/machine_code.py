@@ -11,12 +11,11 @@ from typing import TYPE_CHECKING, TypeAlias
 from robot_dynamics.codegen.jit.cache import load, store
 from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
 from robot_dynamics.codegen.jit.runtime import runtime_table
+from robot_dynamics.codegen.jit.sincos import RUNTIME
 from robot_dynamics.codegen.trace.program import Interface, OperationCount, Program
 
 if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
     from robot_dynamics.codegen.jit.engine import Library, Module
-
-RUNTIME = "@runtime = external global ptr"
 
 TracedProgram: TypeAlias = tuple[Program, dict[int, float]]
 """A Program, and the value of each node that is known before a call."""
@@ -32,12 +31,21 @@ class MachineCode:
         Returns the TracedProgram; called when it is needed first.
     key : str, optional
         Stands in the cache for everything on which the program depends. Default: the code is stored by its own text.
+    sincos_widths : list of int, optional
+        See the property, if they are known.
     """
 
-    def __init__(self, interface: Interface, trace: Callable[[], TracedProgram], key: str | None = None) -> None:
+    def __init__(
+        self,
+        interface: Interface,
+        trace: Callable[[], TracedProgram],
+        key: str | None = None,
+        sincos_widths: list[int] | None = None,
+    ) -> None:
         self.interface = interface
         self._trace = trace
         self._key = key
+        self._sincos_widths = sincos_widths
 
     @classmethod
     def from_cache(cls, key: str, trace: Callable[[], TracedProgram]) -> MachineCode | None:
@@ -47,9 +55,10 @@ class MachineCode:
             outputs = tuple((name, tuple(shape)) for name, shape in fields["outputs"])
             operations = OperationCount(*fields["operations"])
             interface = Interface(fields["name"], dict(fields["inputs"]), outputs, operations)
+            sincos_widths = [int(width) for width in fields["sincos_widths"]]
         except (ValueError, LookupError, TypeError):
             return None
-        return cls(interface, trace, key)
+        return cls(interface, trace, key, sincos_widths)
 
     @property
     def work(self) -> float:
@@ -59,7 +68,8 @@ class MachineCode:
     def save_to_cache(self) -> None:
         """Store the interface for the key; libraries are stored when they are compiled."""
         if self._key is not None:
-            store(_interface_key(self._key), json.dumps(self.interface._asdict()).encode())
+            fields = {**self.interface._asdict(), "sincos_widths": self.sincos_widths}
+            store(_interface_key(self._key), json.dumps(fields).encode())
 
     @property
     def program(self) -> Program:
@@ -72,9 +82,14 @@ class MachineCode:
 
     def sample_library(self) -> Library:
         """The Library with `evaluate`, the Python function of one sample."""
-        from robot_dynamics.codegen.jit.engine import Library, Module
+        from robot_dynamics.codegen.jit.engine import Library, Module, has_fused_multiply_add
+        from robot_dynamics.codegen.jit.sincos import sincos_module
 
-        modules = [self._module("evaluate", self._sample_text), Module.from_text(entry_point_text())]
+        # what is the same for all programs is compiled once, apart
+        shared = [entry_point_text()]
+        shared += [sincos_module(width, has_fused_multiply_add()) for width in self.sincos_widths]
+        shared_modules = [Module.from_text(text, is_shared=True) for text in shared]
+        modules = [self._module("evaluate", self._sample_text), *shared_modules]
         library = Library(modules, ["evaluate", "attempt", "sample", "runtime"])
         addresses = runtime_table()
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
@@ -92,27 +107,36 @@ class MachineCode:
 
         return Module.from_text(text()) if self._key is None else Module(f"{function} {self._key}", text)
 
-    def _sample_text(self) -> str:
-        from robot_dynamics.codegen.jit.engine import has_fused_multiply_add
-        from robot_dynamics.codegen.jit.kernel import sample_function
-        from robot_dynamics.codegen.jit.sincos import sincos_functions
+    @property
+    def sincos_widths(self) -> list[int]:
+        """The widths of the vectors of which one sample computes sines and cosines."""
+        if self._sincos_widths is None:
+            self._sincos_widths = sorted(self._sample_function[1])
+        return self._sincos_widths
 
-        sample, widths = sample_function(*self._traced)
+    @cached_property
+    def _sample_function(self) -> tuple[str, set[int]]:
+        from robot_dynamics.codegen.jit.kernel import sample_function
+
+        return sample_function(*self._traced)
+
+    def _sample_text(self) -> str:
+        from robot_dynamics.codegen.jit.sincos import sincos_declaration
+
         interface = self.interface
-        texts = [signature(interface.name, interface.inputs, dict(interface.outputs)), RUNTIME]
-        texts += [sincos_functions(width, has_fused_multiply_add()) for width in sorted(widths)]
-        return "\n".join([*texts, sample])
+        head = signature(interface.name, interface.inputs, dict(interface.outputs))
+        return "\n".join([head, *map(sincos_declaration, self.sincos_widths), self._sample_function[0]])
 
     def _batch_text(self) -> str:
         from robot_dynamics.codegen.jit.batch_loop import batch_function
         from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
         from robot_dynamics.codegen.jit.kernel import block_function
-        from robot_dynamics.codegen.jit.sincos import sincos_functions
+        from robot_dynamics.codegen.jit.sincos import sincos_function
 
         lanes = vector_lanes()
         block = block_function(*self._traced, lanes)
         loop = batch_function(len(self.interface.inputs) + len(self.interface.outputs), lanes)
-        return "\n".join([RUNTIME, sincos_functions(lanes, has_fused_multiply_add()), block, loop])
+        return "\n".join([RUNTIME, sincos_function(lanes, has_fused_multiply_add()), block, loop])
 
 
 def _interface_key(key: str) -> str:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from robot_dynamics.codegen.jit.batch_loop import batch_function
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
 from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
-from robot_dynamics.codegen.jit.machine_code import RUNTIME
 from robot_dynamics.codegen.jit.runtime import runtime_table
+from robot_dynamics.codegen.jit.sincos import RUNTIME
 from robot_dynamics.codegen.procedure.procedure_text import procedure_text
 from robot_dynamics.codegen.trace.program import Interface, OperationCount
 
@@ -74,7 +74,8 @@ class ProcedureCode:
 
         exports = ["evaluate", "attempt", "sample", "runtime"]
         imports = {kernel.name: kernel.program.address for kernel in self._kernels}
-        library = Library([self._module(), Module.from_text(entry_point_text())], exports, imports, self._kernels)
+        entry_point = Module.from_text(entry_point_text(), is_shared=True)
+        library = Library([self._module(), entry_point], exports, imports, self._kernels)
         addresses = runtime_table()
         ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
         return library

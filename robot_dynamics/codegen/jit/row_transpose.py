@@ -6,6 +6,7 @@ would take a load and an insertion for each entry of each sample.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
+from robot_dynamics.codegen.jit.schedule import group_bounds
 from robot_dynamics.codegen.jit.sincos import vector_type
 
 FOUR = vector_type(4)
@@ -57,18 +58,13 @@ def prefetch_lines(array: int, size: int, lanes: int) -> list[list[str]]:
     ]
 
 
-def group_starts(size: int) -> list[int]:
-    """The first columns of groups of four; the last group may overlap the one before."""
-    return sorted({min(start, size - 4) for start in range(0, size, 4)}) if size >= 4 else []
-
-
 def read_columns(array: int, size: int, nodes: Mapping[int, int], lanes: int) -> list[str]:
     """IR lines that define %v<node> for {column: node} of an array of `size` columns."""
     if size < 4:
         return [line for column, node in nodes.items() for line in _read_column(array, column, f"%v{node}", lanes)]
     lines: list[str] = []
     remaining = dict(nodes)
-    for start in group_starts(size):
+    for start, _ in group_bounds(size):
         columns = [column for column in range(start, start + 4) if column in remaining]
         group = {column - start: remaining.pop(column) for column in columns}
         if not group:
@@ -79,24 +75,26 @@ def read_columns(array: int, size: int, nodes: Mapping[int, int], lanes: int) ->
     return lines
 
 
-def write_columns(array: int, columns: Sequence[str], lanes: int) -> list[str]:
-    """IR lines that store vectors, one for each column of an array."""
-    size = len(columns)
-    if size < 4:
-        return [line for column, value in enumerate(columns) for line in _write_column(array, column, value, lanes)]
+def write_columns(array: int, start: int, columns: Sequence[str], lanes: int) -> list[str]:
+    """IR lines that store vectors, one for each of up to four columns of an array from column `start` on."""
+    if len(columns) < 4:
+        return [
+            line
+            for column, value in enumerate(columns, start=start)
+            for line in _write_column(array, column, value, lanes)
+        ]
     lines: list[str] = []
     V = vector_type(lanes)
-    for start in group_starts(size):
-        name = f"%out{array}.{start}"
-        rows = _transpose(lines, columns[start : start + 4], name, lanes, {})
-        for lane in range(lanes):
-            mask = ", ".join(f"i32 {4 * (lane // 4) + column}" for column in range(4))
-            row = f"{name}.row{lane}"
-            lines += [
-                f"{row} = shufflevector {V} {rows[lane % 4]}, {V} poison, <4 x i32> <{mask}>",
-                f"{row}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {start}",
-                f"store {FOUR} {row}, ptr {row}.at, align 1",
-            ]
+    name = f"%out{array}.{start}"
+    rows = _transpose(lines, columns, name, lanes, {})
+    for lane in range(lanes):
+        mask = ", ".join(f"i32 {4 * (lane // 4) + column}" for column in range(4))
+        row = f"{name}.row{lane}"
+        lines += [
+            f"{row} = shufflevector {V} {rows[lane % 4]}, {V} poison, <4 x i32> <{mask}>",
+            f"{row}.at = getelementptr inbounds double, ptr %row{array}.{lane}, i64 {start}",
+            f"store {FOUR} {row}, ptr {row}.at, align 1",
+        ]
     return lines
 
 

@@ -10,6 +10,9 @@ are those of FDLIBM (Sun Microsystems, 1993), e_rem_pio2.c and k_sin.c, k_cos.c.
 import struct
 from collections.abc import Sequence
 
+RUNTIME = "@runtime = external global ptr"
+"""Declares the table of functions of the process."""
+
 MAX_ANGLE = 2.0**30
 """[rad] Up to here k = round(x / (π/2)) times the third part of π/2 is far below half an ulp of any remainder."""
 
@@ -69,24 +72,19 @@ def out_of_range_mask(name: str, x: str, lanes: int) -> list[str]:
     ]
 
 
-def sincos_functions(lanes: int, fused: bool) -> str:
-    """IR text of `@sincos<lanes>`, valid for angles within the range, and `@sincos_anywhere<lanes>`.
+def sincos_module(lanes: int, fused: bool) -> str:
+    """IR text of `@sincos_anywhere<lanes>`: a vector of angles [rad] to {sines, cosines}.
 
-    Both take a vector of angles [rad] and return {sines, cosines}. `fused`: whether the processor has a fused
-    multiply-add.
+    It is the same for all programs. `fused`: whether the processor has a fused multiply-add.
     """
     V = vector_type(lanes)
-    within = _polynomials(lanes) if fused else [f"%both = call {{{V}, {V}}} @sincos_library{lanes}({V} %x)"]
+    library = [] if not fused else [_library(lanes)]
     return "\n".join(
         [
-            f"declare {V} @llvm.fma.v{lanes}f64({V}, {V}, {V})",
-            f"declare {V} @llvm.fabs.v{lanes}f64({V})",
-            _library(lanes),
-            f"define internal {{{V}, {V}}} @sincos{lanes}({V} %x) alwaysinline {{",
-            *within,
-            f"ret {{{V}, {V}}} %both",
-            "}",
-            f"define internal {{{V}, {V}}} @sincos_anywhere{lanes}({V} %x) noinline {{",
+            RUNTIME,
+            *library,
+            sincos_function(lanes, fused),
+            f"define {{{V}, {V}}} @sincos_anywhere{lanes}({V} %x) noinline {{",
             *out_of_range_mask("is_out_of_range", "%x", lanes),
             f"%within = icmp eq i{lanes} %is_out_of_range, 0",
             "br i1 %within, label %fast, label %exact",
@@ -101,25 +99,64 @@ def sincos_functions(lanes: int, fused: bool) -> str:
     )
 
 
+def sincos_declaration(lanes: int) -> str:
+    """IR text that declares `@sincos_anywhere<lanes>`."""
+    V = vector_type(lanes)
+    return f"declare {{{V}, {V}}} @sincos_anywhere{lanes}({V})"
+
+
+def sincos_function(lanes: int, fused: bool) -> str:
+    """IR text of `@sincos<lanes>`, valid for angles within the range; the module must declare `@runtime`."""
+    V = vector_type(lanes)
+    declarations = [
+        f"declare {V} @llvm.fma.v{lanes}f64({V}, {V}, {V})",
+        f"declare {V} @llvm.fabs.v{lanes}f64({V})",
+    ]
+    library = [f"%both = call {{{V}, {V}}} @sincos_library{lanes}({V} %x)"]
+    return "\n".join(
+        [
+            *declarations,
+            *([] if fused else [_library(lanes)]),
+            f"define internal {{{V}, {V}}} @sincos{lanes}({V} %x) alwaysinline {{",
+            *(_polynomials(lanes) if fused else library),
+            f"ret {{{V}, {V}}} %both",
+            "}",
+        ]
+    )
+
+
 def _library(lanes: int) -> str:
     """IR text of `@sincos_library<lanes>`: each lane by the C library, whose functions are in `@runtime`."""
     V = vector_type(lanes)
-    lines = [
-        f"define internal {{{V}, {V}}} @sincos_library{lanes}({V} %x) noinline cold {{",
-        "%sin = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 0)",
-        "%cos = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 1)",
-    ]
-    sines = cosines = "poison"
-    for lane in range(lanes):
-        lines += [
-            f"%x{lane} = extractelement {V} %x, i64 {lane}",
-            f"%sin{lane} = call double %sin(double %x{lane})",
-            f"%cos{lane} = call double %cos(double %x{lane})",
-            f"%sines{lane} = insertelement {V} {sines}, double %sin{lane}, i64 {lane}",
-            f"%cosines{lane} = insertelement {V} {cosines}, double %cos{lane}, i64 {lane}",
-        ]
-        sines, cosines = f"%sines{lane}", f"%cosines{lane}"
-    return "\n".join([*lines, *_pair(V, sines, cosines), f"ret {{{V}, {V}}} %both", "}"])
+    return f"""define internal {{{V}, {V}}} @sincos_library{lanes}({V} %x) noinline cold {{
+entry:
+  %sin = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 0)
+  %cos = load ptr, ptr getelementptr ([0 x ptr], ptr @runtime, i64 0, i64 1)
+  %angles = alloca {V}
+  %sines = alloca {V}
+  %cosines = alloca {V}
+  store {V} %x, ptr %angles
+  br label %lane
+lane:
+  %index = phi i64 [0, %entry], [%next, %lane]
+  %angle.at = getelementptr double, ptr %angles, i64 %index
+  %sine.at = getelementptr double, ptr %sines, i64 %index
+  %cosine.at = getelementptr double, ptr %cosines, i64 %index
+  %angle = load double, ptr %angle.at
+  %sine = call double %sin(double %angle)
+  store double %sine, ptr %sine.at
+  %cosine = call double %cos(double %angle)
+  store double %cosine, ptr %cosine.at
+  %next = add i64 %index, 1
+  %more = icmp slt i64 %next, {lanes}
+  br i1 %more, label %lane, label %done
+done:
+  %all.sines = load {V}, ptr %sines
+  %all.cosines = load {V}, ptr %cosines
+  %first = insertvalue {{{V}, {V}}} poison, {V} %all.sines, 0
+  %both = insertvalue {{{V}, {V}}} %first, {V} %all.cosines, 1
+  ret {{{V}, {V}}} %both
+}}"""
 
 
 def _pair(V: str, sines: str, cosines: str) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 from robot_dynamics.codegen.trace.model_arguments import base_argument_names
 from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
+from robot_dynamics.codegen.trace.program_frames import choose_force_frames
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.constrained_state import charted_state_at, projection_matrix, state_at
@@ -83,6 +84,10 @@ class ModelTrace:
         The arguments of the program, in order.
     q, qd : (all joints,)
         Positions and velocities of the prepared robot.
+    force_robot : Robot
+        The prepared robot in the units and frames in which forces are computed, with the same torques.
+    force_q : (all joints,)
+        Its positions.
     unactuated : tuple of int
         Indices of the independent joints that have no motor.
     base_is_free : bool
@@ -129,6 +134,8 @@ class ModelTrace:
         if "qd" in self.inputs:
             self.all_passive_efforts = friction(robot, self.qd) + spring_force(robot, original_q, self.qd)
         self.passive_efforts = self.projected(self.all_passive_efforts)
+        self.force_robot, shifts, self._length_unit = choose_force_frames(self.robot, has_wrenches=bool(wrenches))
+        self.force_q = self.q + shifts
         self.pivot_results: dict[str, ScalarArray] = {}
 
     def _trace_positions(self, joints: int) -> ScalarArray:
@@ -202,8 +209,11 @@ class ModelTrace:
 
     def forces(self, qdd: ScalarArray, base_acceleration: ScalarArray) -> tuple[ScalarArray, ScalarArray]:
         """Forces of the tree (all joints,) and the wrench on the base (6,) at accelerations of independent joints."""
+        if self._length_unit != 1:
+            base_acceleration = np.concatenate([base_acceleration[:3] / self._length_unit, base_acceleration[3:]])
+        accelerations = self.joint_accelerations(qdd)
         forces, wrench = inverse_dynamics(
-            self.robot, self.q, self.qd, self.joint_accelerations(qdd), self.twist, base_acceleration, self.wrenches
+            self.force_robot, self.force_q, self.qd, accelerations, self.twist, base_acceleration, self.wrenches
         )
         return forces, wrench
 
@@ -247,9 +257,9 @@ class ModelTrace:
         bias = np.concatenate([wrench, forces]) if self.base_is_free else forces
         zeros = np.zeros(self.size, dtype=int)
         # a base with prescribed acceleration has no rows in A
-        matrix_robot = self.robot if self.base_is_free else replace(self.robot, moving_base=False)
+        matrix_robot = self.force_robot if self.base_is_free else replace(self.force_robot, moving_base=False)
         solution, pivots, diagonal = solve_constrained_accelerations(
-            matrix_robot, self.constrained_state.G, self.q, unknown, zeros, efforts, bias
+            matrix_robot, self.constrained_state.G, self.force_q, unknown, zeros, efforts, bias
         )
         self.pivot_results = {"pivots": np.array(pivots, dtype=object), "diagonal": diagonal}
         first = len(solution) - self.size

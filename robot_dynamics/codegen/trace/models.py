@@ -173,7 +173,7 @@ def inertia_matrix_model(
     """q -> inertia_matrix (m, m), as Dynamics.inertia_matrix, of the joints `independent` (numbers) if passed."""
     model = ModelTrace("inertia_matrix", robot, ("q",), group_parameters=group_parameters, independent=independent)
     P = model.projection_matrix
-    return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.robot, model.q) @ P})
+    return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.force_robot, model.force_q) @ P})
 
 
 def gravity_model(robot: Robot, *, group_parameters: bool = True) -> Program:

@@ -40,7 +40,8 @@ def prepare_robot(
     shifts : (n,)
         Added to the positions q of the original robot to give those of the prepared one [rad].
     """
-    robot = minimal_frames(replace(robot, platforms=()))
+    robot = replace(robot, platforms=()) if robot.platforms else robot
+    robot = minimal_frames(robot, keep_origins_at_rest=True)
     if group_parameters:
         robot = group_inertial_parameters(robot, reoriented_joints)
     shifts, joints = np.zeros(len(robot.joints)), []

@@ -44,6 +44,8 @@ Node: TypeAlias = tuple[Operation, Operands]
 Number: TypeAlias = "float | np.floating[Any] | np.integer[Any]"
 """A real number."""
 
+NUMBERS = (float, int)  # and numpy.float64, which is a float
+
 CONSTANT_FUNCTIONS: dict[str, Callable[[float], float]] = {
     SINE: math.sin,
     COSINE: math.cos,
@@ -64,6 +66,9 @@ class Trace:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._numbers: dict[Node, int] = {}
+        self._is_fixed: list[bool] = []
+        self.zero = self.constant(0)
+        """The constant zero."""
 
     def input(self, name: str, size: int) -> ScalarArray:
         """Scalars (size,) of an array that is an argument of each call."""
@@ -97,6 +102,9 @@ class Trace:
         if number is None:
             number = self._numbers[node] = len(self.nodes)
             self.nodes.append(node)
+            operation, operands = node
+            is_fixed = operation != INPUT if operation in LEAVES else all(self._is_fixed[k] for k in operands)
+            self._is_fixed.append(is_fixed)
         return number
 
     def constant_value(self, number: int) -> float | None:
@@ -123,6 +131,9 @@ class Trace:
             remainder = self._cancel_term(term, total)
             if remainder is not None:
                 return remainder
+        common = self._sum_with_common_factor(a, b)
+        if common is not None:
+            return common
         if b.node < a.node:
             a, b = b, a
         operation: Operation = ADD if a.sign == b.sign else SUBTRACT
@@ -139,6 +150,27 @@ class Trace:
                 return Scalar(self, operands[remaining], signs[remaining])
         return None
 
+    def _sum_with_common_factor(self, a: Scalar, b: Scalar) -> Scalar | None:
+        """(h + k) x for h x + k x with numbers h and k that are known before a call; None for other terms."""
+        x, h = self._factor_and_coefficient(a)
+        y, k = self._factor_and_coefficient(b)
+        if x != y or h == k or self._is_fixed[x]:
+            return None
+        coefficients = (self.constant(1) if node is None else Scalar(self, node, 1) for node in (h, k))
+        total = self.sum(*(node if term.sign > 0 else -node for node, term in zip(coefficients, (a, b), strict=True)))
+        return self.product(Scalar(self, x, 1), total)
+
+    def _factor_and_coefficient(self, term: Scalar) -> tuple[int, int | None]:
+        """Two nodes of which a term is the product but for its sign, the second known before a call; None means 1."""
+        operation, operands = self.nodes[term.node]
+        if operation == MULTIPLY:
+            first, second = operands
+            if self._is_fixed[first]:
+                return second, first
+            if self._is_fixed[second]:
+                return first, second
+        return term.node, None
+
     def product(self, a: Scalar, b: Scalar) -> Scalar:
         """a b."""
         x = self.constant_value(a.node)
@@ -147,7 +179,7 @@ class Trace:
         if x is not None and y is not None:
             return self.constant(sign * x * y)
         if x == 0 or y == 0:
-            return self.constant(0)
+            return self.zero
         if x == 1:
             return Scalar(self, b.node, sign)
         if y == 1:
@@ -193,6 +225,11 @@ class Scalar:
         self.node = node
         self.sign = sign
 
+    @property
+    def is_zero(self) -> bool:
+        """Whether the Scalar is the constant zero."""
+        return self.trace.constant_value(self.node) == 0
+
     def _combine(self, other: object, record: Callable[[Scalar, Scalar], Scalar]) -> Any:
         """The result of `record` for this Scalar and another Scalar or number."""
         if isinstance(other, np.ndarray):
@@ -204,6 +241,8 @@ class Scalar:
         return record(self, other)
 
     def __add__(self, other: object) -> Any:
+        if isinstance(other, NUMBERS) and other == 0:  # most terms that are numbers are zeros of constant matrices
+            return self
         return self._combine(other, self.trace.sum)
 
     def __sub__(self, other: object) -> Any:
@@ -213,6 +252,11 @@ class Scalar:
         return self._combine(other, lambda a, b: self.trace.sum(b, -a))
 
     def __mul__(self, other: object) -> Any:
+        if isinstance(other, NUMBERS):
+            if other == 0:
+                return self.trace.zero
+            if other == 1:
+                return self
         return self._combine(other, self.trace.product)
 
     def __truediv__(self, other: object) -> Any:

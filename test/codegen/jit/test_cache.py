@@ -46,7 +46,7 @@ def folder(tmp_path, monkeypatch, no_background_work):
 
 
 @pytest.fixture
-def compilations(monkeypatch, no_background_work):
+def compilations(monkeypatch, no_background_work, no_code_in_memory):
     """The list of the modules that were compiled, not loaded from the cache."""
     texts, compiled = [], llvm_engine.compile_ir
     monkeypatch.setattr(llvm_engine, "compile_ir", lambda text, level: texts.append(text) or compiled(text, level))
@@ -60,6 +60,22 @@ def test_modules_are_compiled_once(folder, compilations):
     assert len(compilations) == 2
     assert folder.stat().st_mode & 0o777 == 0o700
     assert not list(folder.glob(".*")), "a temporary file was left"
+
+
+def sine():
+    trace = Trace()
+    return build_program(trace, "sine", {"a": 1}, {"b": np.sin(trace.input("a", 1))})
+
+
+def test_modules_of_all_programs_stay_in_memory(folder, compilations, monkeypatch):
+    monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
+    monkeypatch.setattr(llvm_engine, "shared_object_code", {})
+    assert works()
+    compile_program(sine())
+    assert len(compilations) == 4  # two programs, the entry point, and the sine of vectors of one width
+    assert works()
+    assert compile_program(sine()).evaluate(np.array([1.0])) == pytest.approx(np.sin(1.0))
+    assert len(compilations) == 6
 
 
 def test_other_processor_or_version_is_compiled_again(folder, compilations, monkeypatch):

@@ -49,7 +49,9 @@ def pinocchio_efforts(urdf, robot, q, qd, qdd):
 @pytest.mark.parametrize("parts", [5000, 97])
 @pytest.mark.parametrize("name", ["ur5", "z1", 1, 2])
 def test_compiled_models_of_robots_agree_with_python(name, parts, monkeypatch):
-    monkeypatch.setattr(kernel, "MAX_PART_LENGTH", parts)
+    for name_of_length in ("MAX_LENGTH", "PART_LENGTH", "MAX_BLOCK_LENGTH"):
+        monkeypatch.setattr(kernel, name_of_length, parts)
+    monkeypatch.setattr(kernel, "MAX_BLOCK_STORES", parts // 50)
     urdf = real_urdf(name) if isinstance(name, str) else random_urdf(name, joints=6)
     robot = read_urdf(urdf)
     program = compile_program(models(robot))
@@ -357,6 +359,6 @@ def test_compilation_error_without_llvmlite(small, monkeypatch):
 
 def test_compilation_error_where_llvm_fails(small, monkeypatch):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", "")
-    monkeypatch.setattr(machine_code, "RUNTIME", "nonsense")
+    monkeypatch.setattr(machine_code, "signature", lambda *_: "nonsense")
     with pytest.raises(CompilationError, match="could not be compiled"):
         compile_program(small.program, {"offset": 0.0})

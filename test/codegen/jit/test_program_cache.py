@@ -18,7 +18,7 @@ pytest.importorskip("llvmlite")
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch, no_background_work):
+def folder(tmp_path, monkeypatch, no_background_work, no_code_in_memory):
     monkeypatch.setenv("ROBOT_DYNAMICS_CACHE", str(tmp_path / "cache"))
     return tmp_path / "cache"
 
@@ -110,7 +110,7 @@ def test_damaged_or_missing_program_files_are_replaced(folder, damage):
     robot = load_robot("ur5e")
     check(robot)
     files = sorted(folder.iterdir())
-    assert len(files) == 4  # interface, sample, batch, and the entry point of all programs
+    assert len(files) == 5  # interface, sample, batch, and of all programs the entry point and sines
     for file in files:
         content = file.read_bytes()
         file.unlink()

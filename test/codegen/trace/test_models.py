@@ -216,6 +216,6 @@ def test_models_of_shipped_loops_with_load_friction_outside_agree_with_the_recur
 def test_grouped_parameters_make_programs_smaller():
     robot = load_robot("panda")
     small, large = (
-        models.inverse_model(robot, group_parameters=group_parameters).operations for group_parameters in (True, False)
+        models.direct_model(robot, group_parameters=group_parameters).operations for group_parameters in (True, False)
     )
     assert small.multiplications < large.multiplications and small.additions < large.additions
