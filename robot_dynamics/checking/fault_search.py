@@ -184,6 +184,16 @@ class FaultSearch:
             self._is_large(candidate)
             and candidate.p_value * self._numbers[candidate.hypothesis.kind] <= MAX_P_VALUE
             and self._onset_interval(candidate.change) <= MAX_ONSET_INTERVAL * self._duration
+            and not self._has_sound_explanation(candidate)
+        )
+
+    def _has_sound_explanation(self, candidate: Candidate) -> bool:
+        """Whether a change of the same joints that is no fault is more likely: heat changes friction, for example."""
+        return any(
+            each.hypothesis.joints == candidate.hypothesis.joints
+            and each.gain > candidate.gain
+            and not each.hypothesis.is_fault(each.change.sizes)
+            for each in self.candidates
         )
 
     def _is_large(self, candidate: Candidate) -> bool:
