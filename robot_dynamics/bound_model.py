@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,7 +39,22 @@ class BoundModel:
         external_wrenches: ExternalWrenches | None,
     ) -> None:
         robot = dynamics.robot
-        wrenches = {name: np.array(wrench, dtype=float) for name, wrench in (external_wrenches or {}).items()}
+        if not (dynamics.joint_names or robot.moving_base):
+            raise InvalidInputError(f"{robot.name!r} has no joints: there is nothing to bind")
+        if not isinstance(external_wrenches, Mapping | None):
+            raise InvalidInputError(
+                f"external_wrenches must be a mapping from link names, not {external_wrenches!r:.60}"
+            )
+        if base is not None and model == "inertia_matrix":
+            raise InvalidInputError("the state of the base has no part in inertia_matrix: leave it out")
+        if base is not None and base.acceleration is not None and model in ("gravity", "coriolis"):
+            raise InvalidInputError("the acceleration of the base has no part in this term: leave it out of Base")
+        base = copy.deepcopy(base)
+        names = tuple(external_wrenches or ())
+        for name in names:
+            robot.frame(name)
+        constant_wrenches = wrench_arguments(robot, external_wrenches or {})
+        wrenches = {name: np.array(wrench) for name, wrench in zip(names, constant_wrenches, strict=True)}
         self.model = model
         self._method = getattr(dynamics, model)
         self._options: dict[str, Any] = {}
@@ -47,10 +64,8 @@ class BoundModel:
             if model not in ("inverse", "direct"):
                 raise InvalidInputError(f"external wrenches have no part in {model}: leave them out")
             self._options["external_wrenches"] = wrenches
-        for name in wrenches:
-            robot.frame(name)
         takes_base = {"base": base} if model != "inertia_matrix" else {}
-        constants = [*base_arguments(model, robot, takes_base, base), *wrench_arguments(robot, wrenches)]
+        constants = [*base_arguments(model, robot, takes_base, base), *wrenches.values()]
         if any(constant.ndim != 1 for constant in constants):
             raise InvalidInputError("the base and the wrenches of a bound model are those of one sample")
         self._constants = [np.array(constant, dtype=float) for constant in constants]

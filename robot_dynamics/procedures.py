@@ -4,13 +4,20 @@ A procedure is written once, with NumPy arrays of fixed sizes. Called with array
 `codegen.procedure` calls it with symbols instead, and stages it: `if`, `while` and `for ... in range(...)` become
 branches and loops of machine code, all other statements are evaluated in the order in which the loops reach them.
 
-Rules for a procedure, checked when it is staged:
+Rules for a procedure:
 
 - Sizes of arrays are known. What depends on no argument is computed once, when it is staged.
 - A name keeps its shape where it is assigned in a loop or in one branch.
 - `for ... in range(...)` is a loop of the machine code, `for` over anything else is unrolled.
 - The only `return` is the last statement.
-- Arrays whose entries are assigned come from `zeros`.
+- Arrays whose entries are assigned come from `zeros` or `as_array`. A part of such an array with constant indices is a
+  copy in machine code: do not assign to the array while the part is in use.
+- Indices that depend on a loop count from the start of the array and lie within it: nothing checks them in a program.
+- Both sides of `and` and `or` are evaluated.
+- A name that only one branch assigns is not used after it. Functions inside a procedure use the values that names have
+  where they are defined.
+
+Most other errors are found when the procedure is staged.
 """
 
 from __future__ import annotations
@@ -29,7 +36,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Stage(Protocol):
-    """Stages procedures, as codegen.procedure.staging.Stage does."""
+    """Stages procedures, as codegen.procedure.staging.ProcedureStage does."""
 
     def call(self, function: Callable[..., Any], arguments: Sequence[Any], options: dict[str, Any]) -> Any:
         """The result of a procedure, with symbols."""

@@ -68,3 +68,28 @@ def test_a_bound_model_raises_the_errors_of_dynamics():
     qdd[2] = np.nan
     with pytest.raises(InvalidInputError, match="accelerations"):
         bound(q, qd, qdd)
+
+
+def test_constants_are_copies():
+    robot = replace(load_robot("panda"), moving_base=True)
+    dynamics = Dynamics(robot)
+    pose = np.eye(4)
+    bound = dynamics.bind("gravity", base=Base(pose=pose))
+    q = np.zeros(len(dynamics.joint_names))
+    before = bound(q)
+    pose[:3, :3] = np.diag([1.0, -1, -1])
+    np.testing.assert_allclose(bound(q), before)
+    np.testing.assert_allclose(bound(q.tolist()), before, atol=1e-10)
+
+
+def test_states_of_the_base_that_have_no_part_are_refused():
+    dynamics = Dynamics(replace(load_robot("panda"), moving_base=True))
+    for model in ("gravity", "coriolis"):
+        with pytest.raises(InvalidInputError, match="no part"):
+            dynamics.bind(model, base=Base(acceleration=np.ones(6)))
+    with pytest.raises(InvalidInputError, match="no part"):
+        dynamics.bind("inertia_matrix", base=Base())
+    with pytest.raises(InvalidInputError, match="mapping"):
+        dynamics.bind("inverse", external_wrenches=[1, 2])
+    with pytest.raises(InvalidInputError, match="panda_link8"):
+        dynamics.bind("inverse", external_wrenches={"panda_link8": "abc"})

@@ -150,8 +150,12 @@ class SampleClosure:
         return NewtonStep(*self._newton_step(t))
 
     def _advance(self, t: Sample, step: Sample) -> Any:
-        """Positions (m,) after a step (dependent,) of the dependent joints."""
-        return self._displaced(t, self._dependent_step(step))[0]
+        """Positions (m,) after a step (dependent,) of the dependent joints.
+
+        nan where a pitch is steep: there the loops are closed by rotations, as attitude_charts.displace does.
+        """
+        moved, is_flat = self._displaced(t, self._dependent_step(step))
+        return moved + select(is_flat, 0.0, np.nan)
 
     @procedure
     def _is_closed(self, evaluation: NewtonStep) -> Any:

@@ -94,6 +94,7 @@ class DynamicsTerms(JointCoordinates):
         InvalidInputError, SingularModelError
             As `inertia_matrix`.
         """
+        self._refuse_base_acceleration(base)
         result = None if base is not None else self._attempt("gravity", q)
         if result is not None:
             return result
@@ -127,6 +128,7 @@ class DynamicsTerms(JointCoordinates):
         InvalidInputError, SingularModelError
             As `inertia_matrix`.
         """
+        self._refuse_base_acceleration(base)
         result = None if base is not None else self._attempt("coriolis", q, qd)
         if result is not None:
             return result

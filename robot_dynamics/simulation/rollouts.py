@@ -77,6 +77,8 @@ def simulate(
     Each simulation computes what a Simulation does from the same state. The results do not depend on the number of
     threads, nor on the other simulations.
     """
+    if threads is not None and (not isinstance(threads, int | np.integer) or threads < 1):
+        raise InvalidInputError(f"threads is {threads!r:.60}: it must be a positive number of threads")
     simulation = Simulation(robot, step=step)
     if simulation.base != "fixed":
         raise InvalidInputError(f"{robot.name!r} has a moving base: simulate it with Simulation, one by one")
@@ -98,7 +100,7 @@ def simulate(
         ) from None
     steps = u.shape[-2]
     q, qd = np.broadcast_to(q, (samples, size)), np.broadcast_to(qd, (samples, size))
-    runner = _Runner(simulation, q, qd, threads or len(os.sched_getaffinity(0)))
+    runner = _Runner(simulation, q, qd, threads or _processor_count())
     recorded = np.empty((2, samples, steps + 1, size))
     recorded[0, :, 0], recorded[1, :, 0] = q, qd
     for first in range(0, steps, RECORDED_STEPS):
@@ -108,6 +110,11 @@ def simulate(
         if progress is not None:
             progress(end / steps)
     return Rollouts(step * np.arange(steps + 1), recorded[0], recorded[1])
+
+
+def _processor_count() -> int:
+    """Processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class _Runner:

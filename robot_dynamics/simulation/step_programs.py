@@ -30,8 +30,8 @@ logger = logging.getLogger(__name__)
 
 StepProcedure: TypeAlias = Literal["advance", "record"]
 
-MAX_STEPS_PER_CALL = 10_000
-"""Steps in one call of machine code, some 10 ms: between calls a process reacts to signals."""
+OPERATIONS_PER_CALL = 3e7
+"""Operations in one call of machine code, some 5 to 10 ms: between calls a process reacts to signals."""
 
 
 class Run(NamedTuple):
@@ -103,8 +103,7 @@ class StepPrograms:
         self._friction = friction
         self._step = step
         self._programs: dict[tuple[str, tuple[int, ...] | None], CompiledProgram | None] = {}
-        # the procedures take friction that does not depend on velocities or loads, and platforms whose angles depend
-        # on the loops
+        # the procedures take friction that does not depend on velocities or loads
         self._is_supported = friction.constant_limits is not None and not friction.viscous_asymmetries.any()
         if plant.loops is None:
             self.program("advance", None)
@@ -135,7 +134,8 @@ class StepPrograms:
         arguments = [q, rates, efforts]
         if coordinates is not None:
             arguments.append(np.array([coordinates.best_quality]))
-        arguments.append(np.array([float(min(steps, MAX_STEPS_PER_CALL))]))
+        longest = max(1, int(OPERATIONS_PER_CALL / max(1.0, program.work)))
+        arguments.append(np.array([float(min(steps, longest))]))
         results = program.evaluate(*map(np.ascontiguousarray, arguments))
         end_q, end_rates, done = results[:3]
         if not done[0]:
@@ -235,8 +235,9 @@ class StepPrograms:
             return None
         state_derivative, inertia_matrix, closure = kernels.values()
         sample_closure = SampleClosure(topology, closure)
+        units = topology.joint_units[[*independent]]
         return CompiledLoopSteps(
-            topology, sample_closure, state_derivative, inertia_matrix, self._friction, plant.units[6:], self._step
+            topology, sample_closure, state_derivative, inertia_matrix, self._friction, units, self._step
         )
 
     def _compile_procedure(

@@ -86,6 +86,20 @@ def test_loops_close_near_a_seed(closure):
             np.testing.assert_allclose(positions, expected, rtol=0, atol=1e-9)
 
 
+def test_seeds_far_from_closed_positions_lead_to_the_same_assembly_mode_or_to_a_status(closure):
+    """Beyond a pitch of 60 degrees too, where NumPy displaces the platform by rotations."""
+    rng = np.random.default_rng(2)
+    start = closure.solver.closed_positions
+    for _ in range(SAMPLES):
+        seed = start + 0.3 * rng.normal(size=len(start))  # from further away rounding decides
+        seed[closure.solver.independent] = start[closure.solver.independent]
+        expected, is_closed = closure.solver.try_close_loops(seed)
+        positions, status = closure.near.evaluate(seed)
+        if status[0] == 0:
+            assert is_closed
+            np.testing.assert_allclose(positions, expected, rtol=0, atol=1e-8)
+
+
 def test_positions_that_do_not_close_or_are_not_finite_have_a_status(closure):
     q = closure.solver.closed_positions
     motors = q[closure.solver.independent]

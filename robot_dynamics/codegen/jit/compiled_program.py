@@ -184,6 +184,11 @@ class CompiledProgram:
         return self._code.program
 
     @property
+    def work(self) -> float:
+        """Operations of one sample, about."""
+        return self._code.work
+
+    @property
     def address(self) -> int:
         """Address of the function of one sample, which takes a table of the addresses of inputs and outputs."""
         return self._library["sample"]

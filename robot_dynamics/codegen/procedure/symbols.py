@@ -48,6 +48,11 @@ class Condition(Symbol):
     __rand__ = __and__
     __ror__ = __or__
 
+    def __eq__(self, other: object) -> Any:
+        raise TypeError("a Condition is not compared: use it, or `not`")
+
+    __hash__ = None  # type: ignore[assignment]  # it has no value before the procedure runs
+
 
 class Number(Symbol):
     """A double."""
