@@ -78,7 +78,7 @@ def test_only_nodes_and_tasks_of_extras_need_more_packages(core, tmp_path):
         (["robots"], "gough_stewart"),
         (["show", "panda"], "panda_joint7"),
         (["show", "rx90"], "robot 'rx90'"),
-        (["count", "ur5e"], "221"),
+        (["count", "ur5e"], "192"),
         (["frequencies", "navaro", "--count", "3"], "Hz"),
         (["schema"], "json-schema.org"),
         (["convert", "panda", "panda.yaml"], "panda.yaml"),
