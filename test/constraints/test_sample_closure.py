@@ -14,6 +14,8 @@ from robot_dynamics.constraints.loop_equations import loop_equations
 from robot_dynamics.constraints.sample_closure import SampleClosure, determinant_is_positive
 from robot_dynamics.procedures import procedure, select, zeros
 
+pytestmark = pytest.mark.slow  # compiles models of all robots that ship
+
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
 SAMPLES = 40
 

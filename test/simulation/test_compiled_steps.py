@@ -7,6 +7,8 @@ pytest.importorskip("llvmlite")
 from robot_dynamics import InvalidInputError, Simulation, load_robot, shipped_robots
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
 
+pytestmark = pytest.mark.slow  # compiles models of all robots that ship
+
 ROBOTS = [name for name in shipped_robots() if not load_robot(name).moving_base]
 
 

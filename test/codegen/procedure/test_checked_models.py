@@ -11,6 +11,8 @@ from robot_dynamics import Dynamics, InvalidInputError, SingularModelError, load
 from robot_dynamics.codegen.jit.background import THREAD_NAME
 from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS
 
+pytestmark = pytest.mark.slow  # compiles models of all robots that ship
+
 ROBOTS = [name for name in shipped_robots() if not load_robot(name).moving_base]
 
 
