@@ -57,13 +57,14 @@ def choose_friction_model(
     values = fit.values[: len(fit.model.parameter_indices)]
     wide = fit.model.with_terms(candidate_terms(fit, models), values)
     samples = samples_of(wide)
-    sums = samples.accumulate_factors()
     if fit.method == "robust":
         columns = np.ones(len(wide.names), dtype=bool)
         columns[len(values) : wide.robot_count] = False
         padded = np.zeros(len(columns))
         padded[columns] = fit.values
         sums = samples.accumulate_factors(padded, 1 / np.sqrt(fit.weights))
+    else:
+        sums = samples.accumulate_factors()
     choice = choose_friction(fit, wide, sums, required=required)
     model = fit.model.with_terms(tuple(with_shifts(choice.terms)), values)
     return _refine(model, fit, samples_of), choice

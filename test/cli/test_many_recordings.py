@@ -61,8 +61,8 @@ def test_identification_is_equal_with_every_executor(bags, cluster, tmp_path, ca
     capfd.readouterr()
     distributed = identified(bags, tmp_path / "there.json", "--scheduler", cluster.scheduler_address)
     assert capfd.readouterr().err == ""
-    # unweighted, six rounds of weights, residuals; friction models without and with weights; validation
-    assert completed_tasks(cluster) == {"run_task": 2 * (1 + 6 + 2) + 2 * 2 + 2}
+    # unweighted, six rounds of weights, residuals; friction models; validation
+    assert completed_tasks(cluster) == {"run_task": 2 * (1 + 6 + 2) + 2 + 2}
     assert equal(local, distributed) and len(local["parameters"]) == 69 and local["trained"]["samples"] > 2000
     assert any("ends of segments" in note for note in local["notes"])
 
