@@ -17,26 +17,31 @@ endif
 # A Python 3.12 to make .venv_apt_jazzy with. Left empty, tools/find_python.sh looks for one.
 JAZZY_PYTHON ?=
 
+# Time of `make fuzz` [s], divided among its TARGETS (default: all).
+SECONDS ?= 600
+TARGETS ?=
+
 # What runs here neither hears nor disturbs robots on the network.
-test jazzy demo: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+test jazzy demo faults fuzz: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # Small matrices: two threads of a BLAS are slower than one.
-test jazzy: export OMP_NUM_THREADS := 1
+test jazzy faults fuzz: export OMP_NUM_THREADS := 1
 # Tests of nodes in real time, which must not wait for a core. The soak is of what a long time brings: it is left out.
-REAL_TIME = bag_recorder computed_torque control_loop mobile_base_simulator replay_check
-REAL_TIME += streaming_faults streaming_interruptions streaming_soak
+REAL_TIME = bag_recorder computed_torque control_loop many_clients mobile_base_simulator replay_check
+REAL_TIME += fault_rounds streaming_faults streaming_interruptions streaming_soak
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
-# Fewer of what is random, and nothing slow: here it is the packages that differ.
-jazzy: export MUTATIONS := 300
+# The tests of each node, for `make jazzy`.
+JAZZY_NODES = computed_torque control_loop dynamics_server mobile_base_simulator replay_check
+# Fewer of what is random, nothing slow, no comparison with another library, no faults between processes: here it is
+# the packages that differ.
 jazzy: export RANDOM_TREES := 30
 jazzy: export SIMULATED_SECONDS := 0.7
 jazzy: export SIMULATED_MECHANISMS := 4
 jazzy: export SEEDS := 1
-jazzy: export INTERRUPTION_ROUNDS := 2
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test quick jazzy demo docs lint format lock wheels wheels-test colcon bench soak clean
+.PHONY: help venv test quick jazzy demo docs lint format lock wheels wheels-test colcon bench soak faults fuzz clean
 
 help:  ## list the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1	\2/p' Makefile
@@ -47,15 +52,16 @@ venv:  ## make or bring up to date .venv for tests: ROS 2 Jazzy, this project, a
 test: venv  ## run the tests
 	.venv/bin/python -m pytest -n 2 --dist worksteal --ignore test/nodes
 	.venv/bin/python -m pytest -n 2 --dist loadfile docs README.md  # their code blocks; those of a page in one process
-	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) test/nodes  # by themselves: what runs nodes in real time must not wait for a core
+	.venv/bin/python -m pytest -n 2 --dist loadfile $(REAL_TIME_RERUNS) test/nodes $(REAL_TIME:%=--ignore test/nodes/test_%.py)
+	.venv/bin/python -m pytest $(REAL_TIME_RERUNS) $(REAL_TIME:%=test/nodes/test_%.py)  # by themselves: they must not wait for a core
 
 quick: venv  ## run the tests that need no ROS and are fast, in under two minutes
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not ros and not reference" --ignore test/nodes
 
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
 	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
-	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow" $(REAL_TIME:%=--ignore test/nodes/test_%.py)
-	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(patsubst %,test/nodes/test_%.py,$(filter-out streaming_soak,$(REAL_TIME)))
+	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not reference" --ignore test/nodes
+	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(JAZZY_NODES:%=test/nodes/test_%.py)
 
 demo:  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags; .venv gets no test packages
 	@$(BOOTSTRAP)
@@ -98,10 +104,10 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/elastodynamics.py
 	.venv/bin/python benchmarks/streaming_latency.py
 	.venv/bin/python benchmarks/services.py
+	.venv/bin/python benchmarks/many_clients.py
 	.venv/bin/python benchmarks/replay.py
 
-soak: venv  ## what takes long: mutated descriptions, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming
-	MUTATIONS=100000 .venv/bin/python -m pytest -s test/model/formats/test_mutated_texts.py
+soak: venv  ## what takes long: every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
 	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
 	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel/test_assembly_modes.py --timeout 1500
@@ -111,8 +117,17 @@ soak: venv  ## what takes long: mutated descriptions, every state of parallel ro
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
 	INTERRUPTION_ROUNDS=100 .venv/bin/python -m pytest -s test/nodes/test_streaming_interruptions.py
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_control_loop.py
+	CLIENT_SECONDS=600 .venv/bin/python -m pytest -s --timeout 1500 test/nodes/test_many_clients.py
+
+ROUNDS ?= 100
+
+faults: venv  ## hurt running nodes, ROUNDS times (100) by each of FAULTS (a pattern; all): kills, stops, clocks, storms, full disk, no network
+	PYTHONPATH=test .venv/bin/python -m nodes.faults.harness --rounds $(ROUNDS) --faults '$(FAULTS)'
+
+fuzz: venv  ## mutate descriptions, recordings, requests and states for SECONDS (default: 600), or those of TARGETS; finds go to build/fuzz
+	.venv/bin/python fuzz/run.py $(TARGETS) --seconds $(SECONDS)
 
 clean:  ## remove all that the other targets made
 	rm -rf .venv .venv.lock .venv_apt_jazzy .venv_apt_jazzy.lock build dist install log demo.png demo_tracking.png demo_bag robot_dynamics.egg-info
 	rm -rf .pytest_cache .ruff_cache .mypy_cache .hypothesis
-	find robot_dynamics test benchmarks tools -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true
+	find robot_dynamics test benchmarks tools fuzz -name __pycache__ -prune -exec rm -rf {} + 2>/dev/null || true

@@ -3,12 +3,18 @@
     python benchmarks/streaming_latency.py                              0.5, 1, 2 and 4 kHz, and 60 s at 2 kHz
     python benchmarks/streaming_latency.py --seconds 2 --rates 1000     a short run at one rate
     python benchmarks/streaming_latency.py --transports                 computed_torque by UDP beside shared memory
+    python benchmarks/streaming_latency.py --closed-loop 60             a simulated Gough-Stewart platform at 1 kHz
 
 The relay is a node with the same executor, transport and quality of service that only copies positions into commands:
 the latency that computed_torque adds to it is that of robot_dynamics. Both are measured in alternating turns of a
 second, so that other work on the machine disturbs both; the added latency is the median of the differences between
 neighbouring turns. All states of a turn differ, so that each response identifies its state, and lost responses are
 counted. computed_torque follows a reference of the Panda in its full mode.
+
+In the closed loop mobile_base_simulator sends the states, and computed_torque moves the platform. The relay takes the
+same states, and sends the same messages. Latency is from the stamp of a state to the time at which the middleware takes
+the efforts for it. An answer is late if the next state is due before it. The first seconds, in which models are loaded
+or compiled, are counted as well.
 """
 
 import argparse
@@ -32,6 +38,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.control_law import ControlLaw
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
+from robot_dynamics.nodes.message_info import MessageInfoCallback
+from robot_dynamics.nodes.middleware import without_shared_memory
 from robot_dynamics.nodes.processes import running_node, terminate_process
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS, LATEST_ONLY_QOS
 from robot_dynamics.nodes.runner import make_events_executor, run_node
@@ -41,6 +50,12 @@ TURN = 1.0  # [s]
 FINAL_WAIT = 0.3  # [s] for the last responses of a turn
 KP = 100.0
 KD = 20.0
+PLATFORM = "gough_stewart"
+PERIOD = 1e6  # [ns] of its states
+START = 5.0  # [s]
+NEIGHBOURS = 10  # states before and after a late one
+AMPLITUDE = 0.05  # [m]
+REFERENCE_STEP = 0.05  # [s]
 HOME = np.array([0.0, -0.3, 0.0, -2.0, 0.0, 1.8, 0.6])
 
 
@@ -56,6 +71,25 @@ class Relay(Node):
     def _republish(self, message):
         self._message.data = message.position
         self._publisher.publish(self._message)
+
+
+class EffortRelay(Node):
+    """Publishes the messages of computed_torque for each state: commands, and named efforts with its stamp."""
+
+    def __init__(self):
+        super().__init__("relay")
+        size = len(Dynamics(load_robot(PLATFORM), compiled=False).joint_names)
+        self._commands_message = Float64MultiArray(data=array("d", bytes(8 * size)))
+        self._efforts_message = JointState(effort=array("d", bytes(8 * size)))
+        self._commands = self.create_publisher(Float64MultiArray, "~/commands", LATEST_ONLY_QOS)
+        self._efforts = self.create_publisher(JointState, "~/effort", LATEST_ONLY_QOS)
+        self._subscription = self.create_subscription(JointState, "joint_states", self._respond, INPUT_STREAM_QOS)
+
+    def _respond(self, message):
+        self._commands.publish(self._commands_message)
+        self._efforts_message.name = message.name[: len(self._efforts_message.effort)]
+        self._efforts_message.header.stamp = message.header.stamp
+        self._efforts.publish(self._efforts_message)
 
 
 class NodeUnderTest:
@@ -198,10 +232,97 @@ def compare_nodes(nodes, executor, rate, seconds, q, qd):
     return rows
 
 
+def measure_closed_loop(seconds):
+    """Print latencies of computed_torque and of the relay for the same states of a simulated platform."""
+    os.environ.setdefault("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    rclpy.init(args=[])
+    node, executor = Node("closed_loop_benchmark"), make_events_executor()
+    executor.add_node(node)
+    sent, answers = [], {"relay": {}, "computed_torque": {}}  # stamps; {stamp: latency}, all [ns]
+
+    def record(name):
+        def callback(message, info):
+            stamp = to_nanoseconds(message.header.stamp)
+            answers[name].setdefault(stamp, info["source_timestamp"] - stamp)
+
+        return MessageInfoCallback(callback)
+
+    node.create_subscription(
+        JointState, "/loop/joint_states", lambda m: sent.append(to_nanoseconds(m.header.stamp)), DEEP
+    )
+    for name in answers:
+        node.create_subscription(JointState, f"/loop/{name}/effort", record(name), DEEP)
+    simulation = {"robot_file": PLATFORM, "publish_clock": False, "wait_for_commands": "first"}
+    settings = {"robot_file": PLATFORM, "kp": [KP], "kd": [KD]}
+    efforts = {"~/effort": "computed_torque/effort"}
+    with (
+        relay("--effort-relay", "/loop"),
+        running_node("computed_torque", settings, "/loop"),
+        running_node("mobile_base_simulator", simulation, "/loop", remappings=efforts),
+    ):
+        publisher = node.create_publisher(JointTrajectory, "/loop/computed_torque/reference", 1)
+        deadline = time.monotonic() + 60
+        while not all(answers.values()):
+            if time.monotonic() > deadline:
+                sys.exit("no efforts came")
+            executor.spin_once(timeout_sec=0.1)
+        gc.freeze()
+        gc.disable()
+        publisher.publish(platform_reference(seconds + 10.0))
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.1)
+    first = max(min(answered) for answered in answers.values())
+    stamps = np.array([stamp for stamp in sent if stamp >= first][:-10])
+    latencies = np.array([[answered.get(stamp, np.inf) for answered in answers.values()] for stamp in stamps])
+    is_start = stamps < first + START * 1e9
+    rows = [
+        [label, name, *describe_latencies(latencies[chosen, column])]
+        for label, chosen in ((f"first {START:g} s", is_start), ("then", ~is_start))
+        for column, name in enumerate(answers)
+    ]
+    header = ["", "node", "states", "p50 [us]", "p99 [us]", "p99.9 [us]", "max [us]", "late", "over 5 ms", "lost"]
+    print(tabulate(rows, header, floatfmt=".0f", tablefmt="github"))
+    bare, ours = latencies.T > PERIOD
+    near = np.convolve(bare, np.ones(2 * NEIGHBOURS + 1), "same") > 0.5
+    print(f"states later than two periods themselves: {(np.diff(stamps) > 2 * PERIOD).sum()}")
+    print(f"late answers of computed_torque, and none of the relay within {NEIGHBOURS} ms: {(ours & ~near).sum()}")
+    near = np.convolve(ours, np.ones(2 * NEIGHBOURS + 1), "same") > 0.5
+    print(f"late answers of the relay, and none of computed_torque within {NEIGHBOURS} ms: {(bare & ~near).sum()}")
+    executor.shutdown()
+    rclpy.shutdown()
+
+
+def describe_latencies(latencies):
+    """Entries of a row of the table, of latencies [ns]."""
+    percentiles = np.percentile(latencies, (50, 99, 99.9, 100), method="higher") / 1e3
+    lost = np.isinf(latencies).sum()
+    return len(latencies), *percentiles, (latencies > PERIOD).sum(), (latencies > 5 * PERIOD).sum(), lost
+
+
+def platform_reference(seconds):
+    """A trajectory of the legs of the platform: each moves by 5 cm, with a frequency of its own."""
+    dynamics = Dynamics(load_robot(PLATFORM), compiled=False)
+    numbers = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
+    home = dynamics.initial_joint_positions[numbers]
+    message = JointTrajectory(joint_names=list(dynamics.joint_names))
+    rates = 2 * np.pi * np.linspace(0.2, 0.3, len(home))
+    count = int(seconds / REFERENCE_STEP)
+    for k in range(count + 1):
+        angles = rates * k * REFERENCE_STEP
+        q = home + AMPLITUDE * (1 - np.cos(angles)) / 2
+        qd = AMPLITUDE * rates * np.sin(angles) / 2 * (k < count)  # a trajectory ends at rest
+        ns = round(k * REFERENCE_STEP * 1e9)
+        duration = Duration(sec=ns // 10**9, nanosec=ns % 10**9)
+        message.points.append(JointTrajectoryPoint(positions=q, velocities=qd, time_from_start=duration))
+    return message
+
+
 @contextmanager
-def relay():
+def relay(option="--relay", namespace="/bare"):
     """Run the relay in a process of its own."""
-    command = [sys.executable, __file__, "--relay", "--ros-args", "-r", "__ns:=/bare"]
+    command = [sys.executable, __file__, option, "--ros-args", "-r", f"__ns:={namespace}"]
     process = subprocess.Popen(command)
     try:
         yield
@@ -216,9 +337,17 @@ def main():
     parser.add_argument("--long", type=float, default=60.0, help="seconds at 2 kHz at the end; 0: none (default: 60)")
     parser.add_argument("--transports", action="store_true", help="compare UDP with shared memory, not with a relay")
     parser.add_argument("--relay", action="store_true", help=argparse.SUPPRESS)  # the process of the relay
+    parser.add_argument("--effort-relay", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument(
+        "--closed-loop", type=float, metavar="SECONDS", help="a simulated platform instead of the Panda"
+    )
     options, ros_arguments = parser.parse_known_args()
+    if options.effort_relay:
+        return run_node(EffortRelay, ros_arguments, make_events_executor, without_shared_memory)
+    if options.closed_loop:
+        return measure_closed_loop(options.closed_loop)
     if options.relay:
-        return run_node(Relay, ros_arguments, make_events_executor, udp_only=True)
+        return run_node(Relay, ros_arguments, make_events_executor, without_shared_memory)
     return measure(options)
 
 

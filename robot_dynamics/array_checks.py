@@ -45,7 +45,7 @@ def require_finite(
     except (TypeError, ValueError):
         array = np.asarray("ragged")
     if array.dtype.kind not in "biuf":
-        text = repr(values)
+        text = " ".join(repr(values).split())
         if len(text) >= MAX_PRINTED_LENGTH:
             text = text[: MAX_PRINTED_LENGTH - 3] + "..."
         raise InvalidInputError(f"{what}: an array of numbers (..., {size}) is needed, not {text}")

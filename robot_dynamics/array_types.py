@@ -9,13 +9,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Array", "ArrayLike", "BoolArray", "IntArray", "ScalarArray"]
+__all__ = ["Array", "ArrayLike", "BoolArray", "ByteArray", "IntArray", "ScalarArray"]
 
 Array: TypeAlias = NDArray[np.float64]
 """Floating-point numbers."""
 
 BoolArray: TypeAlias = NDArray[np.bool_]
 """Truth values."""
+
+ByteArray: TypeAlias = NDArray[np.uint8]
+"""Bytes."""
 
 IntArray: TypeAlias = NDArray[np.intp]
 """Indices."""

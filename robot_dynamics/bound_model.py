@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -56,6 +57,7 @@ class BoundModel:
         constant_wrenches = wrench_arguments(robot, external_wrenches or {})
         wrenches = {name: np.array(wrench) for name, wrench in zip(names, constant_wrenches, strict=True)}
         self.model = model
+        self._dynamics = dynamics
         self._method = getattr(dynamics, model)
         self._options: dict[str, Any] = {}
         if base is not None:
@@ -73,6 +75,10 @@ class BoundModel:
 
     def __repr__(self) -> str:
         return f"BoundModel({self.model!r})"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle without the machine code, which belongs to this process: the copy is compiled again."""
+        return partial(type(self._dynamics).bind, **self._options), (self._dynamics, self.model)
 
     def __call__(self, *joint_arguments: ArrayLike) -> Array:
         """The result of the model. Raises the errors of the method of Dynamics."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from robot_dynamics.bound_model import BoundModel
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
 from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS, CheckedModels
+from robot_dynamics.codegen.procedure.closure_programs import ClosurePrograms, ProgramSwitch
 from robot_dynamics.codegen.program_calls import evaluate_model, program_key
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 from robot_dynamics.errors import InvalidInputError, UnavailableModelError, describe_unknown_name
@@ -102,14 +103,24 @@ class Dynamics(JointDynamics):
     def __init__(self, robot: Robot, *, compiled: bool = True) -> None:
         if not isinstance(robot, Robot):
             raise InvalidInputError(f"Dynamics takes a Robot, as load_robot returns it, not {robot!r:.60}")
-        self.compiled = compiled
+        self._switch = ProgramSwitch(bool(compiled))
         self._programs = CompiledModels(robot)
-        super().__init__(robot, ClosureSolver(robot, self._programs if compiled else None))
+        super().__init__(robot, ClosureSolver(robot, ClosurePrograms(robot, self._programs, self._switch)))
         self._checked_models = CheckedModels(robot, self._closure_solver.topology, self._programs)
-        self._attempts = self._checked_models.attempts
+        self.compiled = compiled
 
     def __repr__(self) -> str:
         return f"Dynamics({self.robot!r})"
+
+    @property
+    def compiled(self) -> bool:
+        """Whether calls change to compiled programs; it can be assigned. Bound models stay compiled."""
+        return self._switch.is_on
+
+    @compiled.setter
+    def compiled(self, compiled: bool) -> None:
+        self._switch.is_on = bool(compiled)
+        self._attempts = self._checked_models.attempts if compiled else {}
 
     def __reduce__(self) -> tuple[Callable[[Robot], Dynamics], tuple[Robot]]:
         """Copy and pickle without the programs: machine code belongs to this process."""
@@ -132,7 +143,8 @@ class Dynamics(JointDynamics):
         ----------
         model : str
             inverse, direct, inertia_matrix, gravity, coriolis, bias, friction or regressor; for a robot with loops also
-            closure and state_derivative.
+            closure and state_derivative. With closure, calls that close loops from the positions of motors, or near a
+            seed, are compiled as well.
         wrenches : sequence of str
             Names of the links on which external wrenches act.
         prescribed_base : bool
@@ -165,7 +177,10 @@ class Dynamics(JointDynamics):
         for name in wrenches:
             self.robot.frame(name)
         numbers = None if independent is None else tuple(independent)
-        return self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
+        program = self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
+        if model == "closure" and numbers is None:
+            self._closure_solver.procedures.compile("close_near", "close_from_reference")
+        return program
 
     def bind(
         self,
@@ -233,8 +248,10 @@ class Dynamics(JointDynamics):
         return PlatformDynamics(self, platforms, self._make_closure_solver, partial(Dynamics, compiled=False))
 
     def _make_closure_solver(self, robot: Robot) -> ClosureSolver:
-        """Return the closure solver of a variant of the robot, compiled if this one is."""
-        return ClosureSolver(robot, CompiledModels(robot) if self.compiled else None)
+        """Return the closure solver of the robot, or of a variant of it."""
+        if robot is self.robot:
+            return self._closure_solver
+        return ClosureSolver(robot, ClosurePrograms(robot, CompiledModels(robot), self._switch))
 
     @cached_property
     def elastodynamics(self) -> Elastodynamics:

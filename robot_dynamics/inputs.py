@@ -104,8 +104,12 @@ def _rest_acceleration(gravity: Array) -> Array:
 
 def require_pose(pose: ArrayLike, label: str) -> Array:
     """Return homogeneous matrices (..., 4, 4); `label` names the pose in error messages."""
-    if np.shape(pose)[-2:] != (4, 4):
-        raise InvalidInputError(f"{label} has shape {np.shape(pose)}: homogeneous matrices (..., 4, 4) are needed")
+    try:
+        shape = np.shape(pose)
+    except ValueError:  # rows of different lengths
+        shape = ()
+    if shape[-2:] != (4, 4):
+        raise InvalidInputError(f"{label} has shape {shape}: homogeneous matrices (..., 4, 4) are needed")
     matrices = require_finite(label, pose, 4, "columns")
     R = matrices[..., :3, :3]
     last_row = matrices[..., 3, :]

@@ -7,6 +7,7 @@ from robot_dynamics.errors import MissingPackageError
 
 # {module: (name for pip, package of Ubuntu 24.04 with a suitable version or None, extra of robot_dynamics or None)}
 INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
+    "backports": ("backports.zstd", None, "bags"),
     "clarabel": ("clarabel", None, "identify"),
     "distributed": ("dask[distributed]", None, "fleet"),
     "jsonschema": ("jsonschema", "python3-jsonschema", None),
@@ -14,6 +15,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "llvmlite": ("llvmlite", None, "compiled"),
     "lxml": ("lxml", "python3-lxml", None),
     "matplotlib": ("matplotlib", "python3-matplotlib", "plots"),
+    "lz4": ("lz4", "python3-lz4", "bags"),
     "mcap": ("mcap", None, "bags"),
     "numpy": ("numpy", "python3-numpy", None),
     "plotly": ("plotly", None, "view"),  # the package of Debian and Ubuntu lacks the script that pages need

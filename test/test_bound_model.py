@@ -1,5 +1,7 @@
 """Bound models: the results and errors of the methods of Dynamics, with names and constants resolved once."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -93,3 +95,14 @@ def test_states_of_the_base_that_have_no_part_are_refused():
         dynamics.bind("inverse", external_wrenches=[1, 2])
     with pytest.raises(InvalidInputError, match="panda_link8"):
         dynamics.bind("inverse", external_wrenches={"panda_link8": "abc"})
+
+
+@pytest.mark.parametrize("copy_object", [copy.copy, copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_bound_models_are_copied_and_pickled(copy_object):
+    robot = replace(load_robot("panda"), moving_base=True)
+    dynamics = Dynamics(robot)
+    link = robot.links[-1].name
+    base = Base(twist=np.linspace(-1, 1, 6), acceleration=np.arange(6.0))
+    bound = dynamics.bind("inverse", base=base, external_wrenches={link: np.arange(6.0)})
+    arguments = state(dynamics)
+    np.testing.assert_array_equal(copy_object(bound)(*arguments), bound(*arguments))

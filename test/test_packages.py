@@ -37,7 +37,7 @@ def declared():
 
 
 def names(requirements):
-    return {re.match(r"[\w-]+", requirement).group().lower() for requirement in requirements}
+    return {re.match(r"[\w.-]+", requirement).group().lower() for requirement in requirements}
 
 
 def imported():

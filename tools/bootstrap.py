@@ -4,6 +4,9 @@ The Makefile runs it with any Python 3.10 to 3.13; it needs nothing but the stan
 what nodes and the demo need; --tests, --docs and --colcon add the packages of these targets. With --apt-jazzy it makes
 .venv_apt_jazzy instead, from Python 3.12: the versions that Ubuntu has beside ROS 2 Jazzy.
 
+Each file that is downloaded must have a hash that a list in requirements/ names; what is built here is built by such
+packages.
+
 The work is a list of steps. The files that a step depends on are summed up in a fingerprint, which .venv/.complete
 keeps when the step is done. A step runs again when its fingerprint has changed, or when it was interrupted. When all
 fingerprints agree there is nothing to do.
@@ -18,11 +21,13 @@ import platform
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 CHECKOUT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(CHECKOUT / "robot_dynamics_interfaces"))
+sys.path[:0] = [str(CHECKOUT / "tools"), str(CHECKOUT / "robot_dynamics_interfaces")]
+import hashed_packages  # noqa: E402
 from ros_wheels import correct_include_directories, find_missing_build_tool  # noqa: E402
 
 APT_JAZZY = "--apt-jazzy" in sys.argv[1:]
@@ -33,7 +38,6 @@ LOG = VENV / "bootstrap.log"
 LOCK = CHECKOUT / f"{VENV.name}.lock"
 INTERFACES = CHECKOUT / "robot_dynamics_interfaces"
 REQUIREMENTS = CHECKOUT / "requirements"
-CONSTRAINTS = REQUIREMENTS / "constraints.txt"
 
 # What these wheels of ROS were built for.
 PYTHON_VERSIONS = ((3, 12), (3, 12)) if APT_JAZZY else ((3, 10), (3, 13))
@@ -55,10 +59,7 @@ FOREIGN_VARIABLES = (
     "RMW_IMPLEMENTATION",
     "VIRTUAL_ENV",
     "_ROS_WHEELS_BOOTSTRAP_COMPLETE",  # set by the ROS wheels of whichever environment started this process
-    "PIP_USER",
-    "PIP_TARGET",
-    "PIP_PREFIX",
-    "PIP_REQUIRE_VIRTUALENV",
+    *hashed_packages.FOREIGN_VARIABLES,
 )
 
 
@@ -135,10 +136,13 @@ def clean_environment():
     return environment
 
 
-def run(*command, **variables):
-    """Run a program with more environment variables; its output goes to the log, and is shown only if it fails."""
+def run(*command, explain=lambda output: None, **variables):
+    """Run a program with more environment variables; its output goes to the log, and is shown only if it fails.
+
+    `explain` may find in the output why it failed.
+    """
     command = [str(word) for word in command]
-    with LOG.open("a") as log:
+    with LOG.open("a", encoding="utf-8", errors="backslashreplace") as log:
         log.write(f"\n$ {' '.join(command)}\n")
         log.flush()
         start = log.tell()
@@ -154,11 +158,12 @@ def run(*command, **variables):
         )
     if status == 0:
         return
-    with LOG.open(errors="replace") as log:
+    with LOG.open(encoding="utf-8", errors="replace") as log:
         log.seek(start)
         lines = [line for line in log if not line.startswith("WARNING: Location ")]
     sys.stderr.writelines(lines[-60:])
-    raise BootstrapError(f"`{Path(command[0]).name} {' '.join(command[1:4])} ...` failed; all it said is in {LOG}")
+    failed = f"`{Path(command[0]).name} {' '.join(command[1:4])} ...` failed; all it said is in {LOG}"
+    raise BootstrapError(explain("".join(lines)) or failed)
 
 
 def output_of_venv_python(program):
@@ -176,52 +181,60 @@ def create_environment():
     VENV.mkdir()
     # The real interpreter: `sys.executable` may lie in the environment that was just removed.
     run(os.path.realpath(getattr(sys, "_base_executable", sys.executable)), "-m", "venv", VENV)
-    if APT_JAZZY:  # a complete list: some of its wheels ask for a newer NumPy than they need
-        run(PYTHON, "-m", "pip", "install", "--no-deps", "-r", REQUIREMENTS / "apt_jazzy.txt")
-    else:
-        pip_install("-r", REQUIREMENTS / "demo.in")
+    install_packages(PYTHON, "setuptools.txt")
+    install_packages(PYTHON, "apt_jazzy.txt" if APT_JAZZY else "demo.txt")
 
 
-def pip_install(*what):
-    run(PYTHON, "-m", "pip", "install", "-c", CONSTRAINTS, *what)
+def install_packages(python, name, *options):
+    """Install a list of requirements/ into the environment of `python`: files with other hashes are refused."""
+    requirements = REQUIREMENTS / name
+    run(
+        *hashed_packages.install_command(python, requirements),
+        *options,
+        explain=lambda output: hashed_packages.explain(output, f"requirements/{name}"),
+    )
 
 
 def install_interfaces():
     """The service types of robot_dynamics_interfaces, compiled and installed."""
-    # pip compiles in an environment of its own; which of the variables it reads depends on its version
-    constraints = {"PIP_CONSTRAINT": str(CONSTRAINTS), "PIP_BUILD_CONSTRAINT": str(CONSTRAINTS)}
-    run(PYTHON, "-m", "pip", "install", "--no-deps", "--force-reinstall", INTERFACES, **constraints)
+    # The environment that compiles lies elsewhere: ament_cmake fails where its path has a space.
+    with tempfile.TemporaryDirectory(prefix="robot_dynamics_build_") as folder:
+        environment = Path(folder, "environment")
+        python = environment / "bin" / "python"
+        run(PYTHON, "-m", "venv", environment)
+        install_packages(python, "setuptools.txt", "--no-compile")
+        install_packages(python, "build.txt", "--no-compile")
+        run(
+            *(python, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, INTERFACES),
+            PATH=os.pathsep.join([str(python.parent), clean_environment()["PATH"]]),
+        )
+        run(PYTHON, "-m", "pip", "install", "--no-deps", "--force-reinstall", *Path(folder).glob("*.whl"))
 
 
 def install_project():
     """robot_dynamics itself, editable: changes of its Python files take effect at once."""
-    install_editable("compiled,bags")
-
-
-def install_editable(extras):
-    """robot_dynamics, editable, with packages of its extras."""
-    if APT_JAZZY:
-        run(PYTHON, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "-e", CHECKOUT)
-    else:
-        pip_install("--no-build-isolation", "-e", f"{CHECKOUT}[{extras}]")
+    run(PYTHON, "-m", "pip", "install", "--no-deps", "--no-build-isolation", "-e", CHECKOUT)
 
 
 def install_tests():
-    """What the tests need, and all extras; some tests build the documentation, or a package of messages."""
-    install_editable("all")
-    pip_install("-r", REQUIREMENTS / "test.in", "-r", REQUIREMENTS / "docs.in")
-    install_colcon()
+    """All packages; some tests build the documentation, or a package of messages."""
+    install_packages(PYTHON, "constraints.txt")
+    adapt_cmake_files()
 
 
 def install_docs():
     """Sphinx, and all extras, which tutorials use."""
-    install_editable("all")
-    pip_install("-r", REQUIREMENTS / "docs.in")
+    install_packages(PYTHON, "docs.txt")
 
 
 def install_colcon():
     """colcon, and what it builds robot_dynamics_interfaces with."""
-    pip_install("-r", REQUIREMENTS / "colcon.in")
+    install_packages(PYTHON, "colcon.txt")
+    adapt_cmake_files()
+
+
+def adapt_cmake_files():
+    """Let the CMake files of the ROS wheels name the header files of this Python."""
     program = (
         "import json, numpy, sysconfig; print(json.dumps([sysconfig.get_paths()['include'], numpy.get_include()]))"
     )
@@ -229,6 +242,7 @@ def install_colcon():
 
 
 PACKAGE_FILES = ("pyproject.toml", "setup.py", "setup.cfg")
+TOOLS = ("tools/bootstrap.py", "tools/hashed_packages.py")
 
 
 class Step:
@@ -238,10 +252,10 @@ class Step:
         self.name = name
         self.announcement = announcement
         self.do = do
-        self.sources = [CHECKOUT / "tools" / "bootstrap.py", *(CHECKOUT / source for source in sources)]
+        self.sources = [CHECKOUT / source for source in (*TOOLS, *sources)]
 
     def fingerprint(self):
-        digest = hashlib.sha256(str(VENV).encode())
+        digest = hashlib.sha256(os.fsencode(VENV))
         for source in self.sources:
             for path in sorted(source.rglob("*")) if source.is_dir() else [source]:
                 if path.is_file() and "__pycache__" not in path.parts:
@@ -252,26 +266,22 @@ class Step:
 
 ENVIRONMENT = Step(
     "environment",
-    "installing ROS 2 Jazzy from wheels",
+    "installing ROS 2 Jazzy from wheels, and the packages that robot_dynamics needs",
     create_environment,
-    "requirements/apt_jazzy.txt" if APT_JAZZY else "requirements/demo.in",
-    *(() if APT_JAZZY else ("requirements/constraints.txt",)),
+    *(("requirements/apt_jazzy.txt",) if APT_JAZZY else ("requirements/demo.txt", "requirements/constraints.txt")),
 )
 INTERFACE_TYPES = Step(
-    "interfaces", "compiling robot_dynamics_interfaces", install_interfaces, "robot_dynamics_interfaces"
+    "interfaces",
+    "compiling robot_dynamics_interfaces",
+    install_interfaces,
+    "robot_dynamics_interfaces",
+    "requirements/setuptools.txt",
+    "requirements/build.txt",
 )
-PROJECT = Step("project", "installing robot_dynamics and the packages it needs", install_project, *PACKAGE_FILES)
-TESTS = Step(
-    "tests",
-    "installing what the tests need",
-    install_tests,
-    "requirements/test.in",
-    "requirements/docs.in",
-    "requirements/colcon.in",
-    *PACKAGE_FILES,
-)
-DOCS = Step("docs", "installing what the documentation needs", install_docs, "requirements/docs.in", *PACKAGE_FILES)
-COLCON = Step("colcon", "installing colcon", install_colcon, "requirements/colcon.in")
+PROJECT = Step("project", "installing robot_dynamics", install_project, *PACKAGE_FILES)
+TESTS = Step("tests", "installing what the tests need", install_tests, "requirements/constraints.txt")
+DOCS = Step("docs", "installing what the documentation needs", install_docs, "requirements/docs.txt")
+COLCON = Step("colcon", "installing colcon", install_colcon, "requirements/colcon.txt")
 
 
 # --- Order ----------------------------------------------------------------------------------------------------------

@@ -11,20 +11,21 @@ fi
 tools=$(mktemp -d)
 trap 'rm -rf "$tools"' EXIT
 
-PIP_CONSTRAINT="$PWD/requirements/constraints.txt"
 PIP_DISABLE_PIP_VERSION_CHECK=1
-export PIP_CONSTRAINT PIP_DISABLE_PIP_VERSION_CHECK
+export PIP_DISABLE_PIP_VERSION_CHECK
 
 for python; do
     rm -rf "$tools/venv"
     "$python" -m venv "$tools/venv"
-    "$tools/venv/bin/pip" install --quiet build
+    for list in setuptools build; do
+        "$python" tools/hashed_packages.py "$tools/venv/bin/python" "requirements/$list.txt"
+    done
     if [ ! -e "$tools/built" ]; then
         # the wheel from the source distribution: files left in build/ by earlier builds do not get into it
         rm -f dist/robot_dynamics-*
-        "$tools/venv/bin/python" -m build --outdir dist .
+        "$tools/venv/bin/python" -m build --no-isolation --outdir dist .
         touch "$tools/built"
     fi
-    "$tools/venv/bin/python" -m build --wheel --outdir dist robot_dynamics_interfaces
+    PATH="$tools/venv/bin:$PATH" "$tools/venv/bin/python" -m build --no-isolation --wheel --outdir dist robot_dynamics_interfaces
 done
 ls -l dist

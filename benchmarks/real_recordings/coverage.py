@@ -10,6 +10,13 @@ deviations are right. The columns are
 * within run: deviations from the scatter between seconds of the run;
 * stated: these, with the change of friction between runs; what `robot-dynamics identify` prints.
 
+The RMS of a pair scatters by chance, also where the stated deviations are right: its parameters are correlated, so that
+they count as fewer independent ones, and the deviations themselves are estimated from a few dozen seconds. The line
+`by chance` has the intervals that contain 95 % of the RMS of simulated runs, in the columns `all`, `inertial` and
+`friction`: errors along the fitted directions of all runs are drawn with the stated variances, and so are the estimates
+of these variances. Each pair has such an interval too (`--pairs`). The number of independent parameters is that of
+uncorrelated parameters whose mean square scatters as much: m² / tr(R²) for the correlations R of m differences.
+
 Runs that do not determine the robot are listed, and left out of the pairs. Runs of the same motion share the errors of
 the model, so that their differences are smaller. Runs on different days differ by the friction, which depends on
 temperature.
@@ -20,7 +27,7 @@ from __future__ import annotations
 import argparse
 import itertools
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +43,7 @@ from robot_dynamics.identification.samples import Samples
 from robot_dynamics.recordings.drives import load_drives
 from robot_dynamics.recordings.recording import moving_base_link, open_recording
 
+DRAWS = 2000
 DeviationFunction = Callable[[Fit], Array]
 
 
@@ -76,6 +84,52 @@ def normalised_differences(first: Fit, second: Fit, deviations: DeviationFunctio
     scale = np.hypot(deviations(first), deviations(second))
     difference: Array = np.where(seen, (first.values - second.values) / np.where(seen, scale, 1.0), np.nan)
     return difference
+
+
+def draw_errors(fit: Fit, generator: np.random.Generator, count: int) -> tuple[Array, Array]:
+    """Errors (count, P) of the values of a fit, and as many estimates (count, P) of their variances, between runs.
+
+    The variance of each direction is estimated from the scatter between blocks, as the mean of one square less.
+    """
+    inverse = np.linalg.pinv(fit.prior.root)
+    basis = inverse @ fit.directions
+    basis /= np.square(basis).sum(axis=0)
+    coordinates = basis.T @ inverse
+    variances = np.einsum("kp,pq,kq->k", coordinates, fit.covariance, coordinates)
+    blocks = max(len(fit.blocks) - 1, 1)
+    estimates = variances * generator.chisquare(blocks, (count, len(variances))) / blocks
+    errors = np.sqrt(variances) * generator.normal(size=estimates.shape) @ fit.directions.T
+    not_fitted = np.square(fit.standard_deviations) - np.square(fit.directions) @ variances  # not seen
+    change = np.square(fit.deviations_between_runs) - np.square(fit.standard_deviations)
+    others = np.maximum(not_fitted, 0) + change
+    errors += np.sqrt(others) * generator.normal(size=errors.shape)
+    return errors, estimates @ np.square(fit.directions).T + others
+
+
+def draw_normalised_differences(fits: Sequence[Fit]) -> Array:
+    """Normalised differences (pairs, draws, P) of simulated fits with right deviations; nan where not seen by both."""
+    generator = np.random.default_rng(0)
+    draws = [draw_errors(fit, generator, DRAWS) for fit in fits]
+    return np.array(
+        [
+            np.where(fits[i].seen & fits[j].seen, draws[i][0] - draws[j][0], np.nan)
+            / np.sqrt(draws[i][1] + draws[j][1])
+            for i, j in itertools.combinations(range(len(fits)), 2)
+        ]
+    )
+
+
+def chance_interval(z: Array) -> Array:
+    """Least and largest RMS (2,) by chance (95 %), of normalised differences z (..., draws, P)."""
+    squares = np.nanmean(np.square(z), axis=tuple(axis for axis in range(z.ndim) if axis != z.ndim - 2))
+    interval: Array = np.quantile(np.sqrt(squares), [0.025, 0.975])
+    return interval
+
+
+def count_independent(z: Array) -> float:
+    """Number of uncorrelated parameters whose mean square scatters as much as that of z (draws, P)."""
+    seen = np.isfinite(z[0])
+    return float(seen.sum() ** 2 / np.square(np.corrcoef(z[:, seen], rowvar=False)).sum())
 
 
 def root_mean_square(values: Array) -> float:
@@ -121,9 +175,25 @@ def main() -> None:
             f"{((by_pair > 0.8) & (by_pair < 1.3)).sum():6d} of {len(pairs):d} {100 * covered:7.1f} "
             f"{np.nanmax(np.abs(z), initial=0):8.1f}"
         )
-        if arguments.pairs:
-            for (first, second), value in zip(itertools.combinations(determined, 2), by_pair, strict=True):
-                print(f"    {first} - {second}: {value:.2f}")
+    simulated = draw_normalised_differences(list(determined.values()))
+    intervals = [
+        chance_interval(simulated),
+        *(chance_interval(simulated[..., each]) for each in (~is_friction, is_friction)),
+    ]
+    print(f"{'stated, by chance':20s}    {'  '.join(f'{least:.2f}-{largest:.2f}' for least, largest in intervals)}")
+    by_chance = np.array([chance_interval(pair) for pair in simulated])
+    independent = [count_independent(pair) for pair in simulated]
+    low, high = by_pair < by_chance[:, 0], by_pair > by_chance[:, 1]
+    print(
+        f"pairs within their interval: {(~low & ~high).sum()} of {len(pairs)}, below: {low.sum()}, above: "
+        f"{high.sum()}; independent parameters: {min(independent):.0f} to {max(independent):.0f}"
+    )
+    if arguments.pairs:
+        rows = zip(itertools.combinations(determined, 2), by_pair, by_chance, independent, strict=True)
+        for (first, second), value, (least, largest), number in rows:
+            print(
+                f"    {first} - {second}: {value:.2f}, by chance {least:.2f} to {largest:.2f}, independent {number:.0f}"
+            )
 
 
 if __name__ == "__main__":

@@ -21,6 +21,8 @@ MAX_RMS_INCREASE = 0.1  # part of the former RMS
 MIN_RMS_INCREASE = 0.01  # part of the spread of the measured effort
 MAX_SCALE_INCREASE = 0.02  # of the difference of the scale from 1
 DEVIATIONS = 2.0  # standard deviations of a difference that are added
+MAX_SPREAD_CHANGE = 0.1  # part of the former spread, beside the RMS of the residual, of recordings of the same motion
+MAX_NAMES = 3  # listed in one note
 SAME_DATA = 1e-9  # relative difference of spreads up to which two checks compared the same efforts
 
 JointValues = Mapping[str, Any]  # of a joint in the JSON of a check
@@ -91,24 +93,56 @@ class Baseline:
         Returns
         -------
         changes : of the joints that are in both.
-        notes : sentences on recordings that are not in the baseline.
+        notes : sentences on recordings that are not in the baseline, and on those of another motion.
         """
         checked = [result for result in results if "joints" in result]
         changes: list[JointChange] = []
-        notes = []
+        missing: list[str] = []
+        notes: list[str] = []
         for result in checked:
             before = self._recordings.get(result["recording"])
             if before is None and len(checked) == 1 and len(self._recordings) == 1:
                 (before,) = self._recordings.values()
             if before is None:
-                notes.append(f"{result['recording']} is not in the baseline {self.path}")
+                missing.append(result["recording"])
                 continue
+            notes += _notes_on_motion(result, before)
             changes += [
                 _compare_joint(result["recording"], before[joint["joint"]], joint)
                 for joint in result["joints"]
                 if joint["joint"] in before
             ]
-        return changes, notes
+        return changes, [*self._notes_on_missing(missing), *notes]
+
+    def _notes_on_missing(self, recordings: Sequence[str]) -> Iterator[str]:
+        if recordings:
+            verb = "is" if len(recordings) == 1 else "are"
+            yield (
+                f"{_list_names(recordings)} {verb} not in the baseline {self.path}, and not compared with it. It has "
+                f"{_list_names(list(self._recordings))}"
+            )
+
+
+def _list_names(names: Sequence[str]) -> str:
+    more = len(names) - MAX_NAMES
+    return ", ".join(names[:MAX_NAMES]) + (f" and {more} more" if more > 0 else "")
+
+
+def _notes_on_motion(result: Mapping[str, Any], before: Mapping[str, JointValues]) -> Iterator[str]:
+    """Yield a sentence where efforts vary so differently that the motion or the load is probably another one."""
+    pairs = [(joint, before[joint["joint"]]) for joint in result["joints"] if joint["joint"] in before]
+    changed = [
+        f"{joint['joint']} {joint['spread']:.3g} (before {old['spread']:.3g})"
+        for joint, old in pairs
+        if joint["spread"]
+        and old["spread"]
+        and abs(joint["spread"] - old["spread"]) > MAX_SPREAD_CHANGE * old["spread"] + (joint["rms"] or 0.0)
+    ]
+    if changed:
+        yield (
+            f"{result['recording']}: another motion or load than in the baseline: the standard deviation of the "
+            f"measured effort is {_list_names(changed)}. The RMS of different motions cannot be compared"
+        )
 
 
 def _compare_joint(recording: str, before: JointValues, after: JointValues) -> JointChange:

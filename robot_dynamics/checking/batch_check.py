@@ -2,30 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.checking.check import Predictor, check
+from robot_dynamics.checking.check import Predictor, compare, judge
 from robot_dynamics.checking.faults import Evidence
+from robot_dynamics.checking.load_hint import LoadHint
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.recordings.recording import moving_base_link, open_recording
+from robot_dynamics.recordings.recording_division import divide_recording
+from robot_dynamics.recordings.recording_parts import IndivisibleRecordingError
 from robot_dynamics.recordings.sample_range import WHOLE
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
-    from robot_dynamics.checking.check import CheckResult, PieceCallback
+    from robot_dynamics.checking.check import CheckResult, CheckSums, PieceCallback
     from robot_dynamics.checking.fault_search import Fault
     from robot_dynamics.checking.tolerances import Tolerances
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.joint_samples import JointSample
     from robot_dynamics.recordings.recording import ProgressWrapper, Recording
+    from robot_dynamics.recordings.recording_parts import RecordingPart
     from robot_dynamics.recordings.sample_range import SampleRange
 
 
@@ -41,6 +48,7 @@ class CheckOptions:
     rate : samples per second of the grid; None: as recorded.
     faults : whether to find the fault that explains the residuals.
     sample_range : the part of each recording that is used.
+    part_messages : number of messages in each part of a long recording; None: as for `divide_recording`.
     """
 
     dynamics: Dynamics
@@ -51,6 +59,7 @@ class CheckOptions:
     rate: float | None = None
     faults: bool = False
     sample_range: SampleRange = WHOLE
+    part_messages: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +114,23 @@ def check_recordings(
 ) -> Iterator[Outcome]:
     """Yield the outcome of the recording at each path, in their order; errors of one do not stop the others.
 
-    executor: its processes read and check; None: this process does.
+    executor: its processes read and check, a long recording in parts; None: this process does.
     """
-    run = map if executor is None else executor.map
-    outcomes = run(partial(_check_path, options), [Path(path).absolute() for path in paths])
+    if executor is None:
+        outcomes: Iterable[Outcome] = map(partial(_check_path, options), map(Path, paths))
+    else:
+        absolute = [Path(path).absolute() for path in paths]
+        results = executor.map(partial(_check_or_divide, options), absolute)
+        outcomes = (
+            result if isinstance(result, Outcome) else _check_parts(options, path, result, executor)
+            for path, result in zip(absolute, results, strict=True)
+        )
     for path, outcome in zip(paths, outcomes, strict=True):
         name = str(path)
-        yield replace(outcome, recording=name, check=outcome.check and replace(outcome.check, recording=name))
+        error = outcome.error and outcome.error.replace(str(Path(path).absolute()), name)
+        yield replace(
+            outcome, recording=name, error=error, check=outcome.check and replace(outcome.check, recording=name)
+        )
 
 
 def check_recording(
@@ -121,34 +140,131 @@ def check_recording(
     progress: ProgressWrapper | None = None,
     callbacks: Sequence[PieceCallback] = (),
 ) -> tuple[CheckResult, Fault | None]:
-    """Check one recording; callbacks: called with each piece, as `on_piece` of `check`. Raises RecordingError."""
+    """Check one recording, a long one in parts.
+
+    callbacks: called with each piece, as `on_piece` of `check`; then the recording is not divided. Raises
+    RecordingError.
+    """
+    if not callbacks:
+        parts = _divide(recording, options)
+        try:
+            with closing(_ticks(progress)) as ticks:
+                sums = (_sum_part(options, part, progress=partial(_tick, ticks, part.part)) for part in parts)
+                return _judge(recording.name, options, sums)
+        except IndivisibleRecordingError:
+            pass
+    return _judge(recording.name, options, [_sum_part(options, recording, progress=progress, callbacks=callbacks)])
+
+
+def _ticks(progress: ProgressWrapper | None) -> Generator[None, None, None]:
+    """An iterator without end whose progress is shown: one for all parts of a recording."""
+    yield from repeat(None) if progress is None else progress(repeat(None))
+
+
+def _tick(
+    ticks: Iterator[None], part: RecordingPart | None, samples: Iterable[JointSample]
+) -> Generator[JointSample, None, None]:
+    """Pass samples on; those that belong to a part, or to the whole recording, advance the ticks."""
+    for sample in samples:
+        if part is None or part.contains(sample.receive_time):
+            next(ticks)
+        yield sample
+
+
+@dataclass(frozen=True, eq=False)
+class _PartSums:
+    """The sums of a part of a recording, and its evidence of faults and loads."""
+
+    sums: CheckSums
+    evidence: Evidence | None
+    load_hint: LoadHint
+
+    def append(self, later: _PartSums) -> None:
+        self.sums.append(later.sums)
+        if self.evidence is not None and later.evidence is not None:
+            self.evidence.append(later.evidence)
+        self.load_hint.append(later.load_hint)
+
+
+def _sum_part(
+    options: CheckOptions,
+    recording: Recording,
+    *,
+    progress: ProgressWrapper | None = None,
+    callbacks: Sequence[PieceCallback] = (),
+) -> _PartSums:
     evidence = Evidence(Predictor(options.dynamics, recording.drives)) if options.faults else None
+    load_hint = LoadHint(options.dynamics, recording.drives)
 
     def on_piece(motion: Motion, predicted: Array, origin: int) -> None:
         for callback in callbacks:
             callback(motion, predicted, origin)
         if evidence is not None:
             evidence.add(motion, predicted, origin)
+        load_hint.add(motion, predicted, origin)
 
-    result = check(
-        recording,
-        options.dynamics,
-        options.tolerances,
-        cutoff=options.cutoff,
-        rate=options.rate,
-        progress=progress,
-        on_piece=on_piece,
+    sums = compare(
+        recording, options.dynamics, cutoff=options.cutoff, rate=options.rate, progress=progress, on_piece=on_piece
     )
-    return result, None if evidence is None else evidence.find_fault()
+    return _PartSums(sums, evidence, load_hint)
+
+
+def _judge(recording: str, options: CheckOptions, parts: Iterable[_PartSums]) -> tuple[CheckResult, Fault | None]:
+    """The result and the fault from the sums of all parts of a recording, in their order."""
+    total: _PartSums | None = None
+    for part in parts:
+        if total is None:
+            total = part
+        else:
+            total.append(part)
+    assert total is not None, "a recording has at least one part"
+    result = judge(recording, options.dynamics, options.tolerances, total.sums)
+    fault = None if total.evidence is None else total.evidence.find_fault()
+    if fault is None and any(verdict.failed for verdict in result.verdicts):
+        hint = total.load_hint.sentence(np.array([verdict.tolerance for verdict in result.verdicts]))
+        result = replace(result, notes=(*result.notes, hint) if hint else result.notes)
+    return result, fault
+
+
+def _open(options: CheckOptions, path: Path) -> Recording:
+    base = moving_base_link(options.dynamics)
+    return open_recording(path, options.drives, options.topics, base, options.sample_range)
+
+
+def _divide(recording: Recording, options: CheckOptions) -> tuple[Recording, ...]:
+    return divide_recording(recording, rate=options.rate, cutoff=options.cutoff, part_messages=options.part_messages)
 
 
 def _check_path(options: CheckOptions, path: Path) -> Outcome:
     try:
-        base = moving_base_link(options.dynamics)
-        recording = open_recording(path, options.drives, options.topics, base, options.sample_range)
-        return Outcome(str(path), *check_recording(recording, options))
+        return Outcome(str(path), *check_recording(_open(options, path), options))
     except RobotDynamicsError as error:
         return Outcome(str(path), error=str(error))
+
+
+def _check_or_divide(options: CheckOptions, path: Path) -> Outcome | tuple[RecordingPart, ...]:
+    """The outcome of a recording, or its parts if it is long: without the recording, whose files a process opens."""
+    try:
+        parts = [recording.part for recording in _divide(_open(options, path), options) if recording.part is not None]
+    except RobotDynamicsError as error:
+        return Outcome(str(path), error=str(error))
+    return tuple(parts) or _check_path(options, path)
+
+
+def _check_parts(options: CheckOptions, path: Path, parts: Sequence[RecordingPart], executor: Executor) -> Outcome:
+    """The outcome of a recording whose parts are tasks."""
+    try:
+        return Outcome(
+            str(path), *_judge(str(path), options, executor.map(partial(_open_and_sum_part, options, path), parts))
+        )
+    except IndivisibleRecordingError:
+        return executor.submit(_check_path, options, path).result()
+    except RobotDynamicsError as error:
+        return Outcome(str(path), error=str(error))
+
+
+def _open_and_sum_part(options: CheckOptions, path: Path, part: RecordingPart) -> _PartSums:
+    return _sum_part(options, replace(_open(options, path), part=part))
 
 
 def summarize_joints(outcomes: Iterable[Outcome]) -> list[JointSummary]:

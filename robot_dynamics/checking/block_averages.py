@@ -43,7 +43,30 @@ class BlockAverages:
             self._count += blocks
             if self._count < self.max_rows:
                 break
-            self._parts = [self.rows.reshape(k, -1, 2, n).mean(axis=2)]
-            self.stride = 2 * self.stride
-            self._count = self.max_rows // 2
+            self._halve()
         self._remainder = samples.copy()
+
+    def append(self, later: BlockAverages) -> None:
+        """Append the means of later samples; samples that are no complete block are left out at both ends."""
+        if not later._parts:
+            return
+        if not self._parts:
+            self.stride, self._parts, self._count = later.stride, list(later._parts), later._count
+            return
+        while self.stride < later.stride:
+            self._halve()
+        while later.stride < self.stride:
+            later._halve()
+        self._parts += later._parts
+        self._count += later._count
+        self._remainder = None
+        while self._count >= self.max_rows:
+            self._halve()
+
+    def _halve(self) -> None:
+        """Average pairs of means; a last one without partner is left out."""
+        rows = self.rows
+        k, count, n = rows.shape
+        self._parts = [rows[:, : count // 2 * 2].reshape(k, -1, 2, n).mean(axis=2)]
+        self.stride = 2 * self.stride
+        self._count = count // 2

@@ -3,7 +3,7 @@ each joint and the times that are out of tolerance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -20,6 +20,7 @@ from robot_dynamics.recordings.position_limits import note_limit_violations
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 if TYPE_CHECKING:
+    from robot_dynamics.checking.prediction_filter import PredictedMotion
     from robot_dynamics.checking.tolerances import Tolerances
     from robot_dynamics.checking.verdicts import FailedSegment, Verdict
     from robot_dynamics.dynamics import Dynamics
@@ -170,39 +171,102 @@ def check(
     InvalidInputError
         Where the recording does not fit the robot.
     """
+    sums = compare(recording, dynamics, cutoff=cutoff, rate=rate, progress=progress, on_piece=on_piece)
+    return judge(recording.name, dynamics, tolerances, sums)
+
+
+@dataclass(eq=False)
+class CheckSums:
+    """What a check keeps of a recording, or of a part of it.
+
+    Attributes
+    ----------
+    comparison : sums over the samples.
+    statistics : counts of skipped samples.
+    notes : sentences on damage of the files.
+    rate : samples per second; 0: no motion.
+    cutoff : cut-off frequency of the filter [Hz].
+    end : time of the end of the last motion [s].
+    """
+
+    comparison: Comparison
+    statistics: SampleStatistics
+    notes: tuple[str, ...] = ()
+    rate: float = 0.0
+    cutoff: float = 0.0
+    end: float = 0.0
+
+    def append(self, later: CheckSums) -> None:
+        """Add the sums of a later part of the same recording."""
+        self.comparison.append(later.comparison)
+        self.statistics.append(later.statistics)
+        self.notes = tuple(dict.fromkeys([*self.notes, *later.notes]))
+        if later.rate:
+            self.rate, self.cutoff, self.end = later.rate, later.cutoff, later.end
+
+
+def compare(
+    recording: Recording,
+    dynamics: Dynamics,
+    *,
+    cutoff: float | None = None,
+    rate: float | None = None,
+    progress: ProgressWrapper | None = None,
+    on_piece: PieceCallback | None = None,
+) -> CheckSums:
+    """Sum measured against predicted efforts over a recording, or a part of it. Arguments and errors as for `check`."""
     predictor = Predictor(dynamics, recording.drives)
-    statistics = SampleStatistics()
-    comparison = Comparison(dynamics.joint_names)
+    sums = CheckSums(Comparison(dynamics.joint_names), SampleStatistics())
     prediction_filter = PredictionFilter()
-    for motion in recording.motions(statistics, cutoff=cutoff, rate=rate, progress=progress):
+    start, stop = recording.time_range
+
+    def add(parts: Iterable[PredictedMotion]) -> None:
+        for part in parts:
+            first, last = np.searchsorted(part.motion.times, [start, stop])
+            if last > first:
+                sums.comparison.add(part.slice_samples(first, last))
+
+    for motion in recording.motions(sums.statistics, cutoff=cutoff, rate=rate, progress=progress):
         predicted = predictor(motion)
-        note_limit_violations(dynamics, motion, statistics)
-        for part in prediction_filter.feed(motion, predicted):
-            comparison.add(part)
-        if on_piece is not None:
-            on_piece(motion, predicted, statistics.origin)
-    for part in prediction_filter.flush():
-        comparison.add(part)
+        add(prediction_filter.feed(motion, predicted))
+        first, last = np.searchsorted(motion.times, [start, stop])
+        if last > first:
+            own = motion.slice_samples(first, last)
+            note_limit_violations(dynamics, own, sums.statistics)
+            if on_piece is not None:
+                on_piece(own, predicted[first:last], sums.statistics.origin)
+            sums.rate, sums.cutoff, sums.end = own.rate, own.cutoff, own.end
+    add(prediction_filter.flush())
+    sums.notes = recording.notes
+    return sums
+
+
+def judge(recording: str, dynamics: Dynamics, tolerances: Tolerances, sums: CheckSums) -> CheckResult:
+    """Return the result of a check from the name of a recording and the sums over it. Errors as for `check`."""
+    comparison, statistics = sums.comparison, sums.statistics
+    if not comparison.samples:
+        reason = "; ".join([*sums.notes, *statistics.sentences]) or "It has no motion"
+        raise RecordingError(f"{recording}: no samples are left. {reason}")
     if not comparison.has_efforts.any():
-        notes = "".join(f"; {note}" for note in recording.notes)
-        raise RecordingError(f"{recording.name}: no efforts are recorded: nothing was measured{notes}")
+        notes = "".join(f"; {note}" for note in sums.notes)
+        raise RecordingError(f"{recording}: no efforts are recorded: nothing was measured{notes}")
     limits = effort_limits(dynamics.robot, dynamics.joint_names, comparison.peaks)
     tolerated = tolerated_rms(comparison, limits, tolerances)
-    verdicts, segments = compute_verdicts(comparison, tolerated, tolerances, motion.rate)
+    verdicts, segments = compute_verdicts(comparison, tolerated, tolerances, sums.rate)
     moving = [verdict.joint for verdict in verdicts if verdict.joint.samples]
     if moving and all(joint.spread == 0 for joint in moving):
-        raise RecordingError(f"{recording.name}: efforts are constant throughout: nothing was measured")
-    coverage = compute_coverage(comparison.samples / motion.rate, statistics.recorded_duration)
+        raise RecordingError(f"{recording}: efforts are constant throughout: nothing was measured")
+    coverage = compute_coverage(comparison.samples / sums.rate, statistics.recorded_duration)
     return CheckResult(
-        recording=recording.name,
+        recording=recording,
         robot=dynamics.robot.name,
-        rate=motion.rate,
-        cutoff=motion.cutoff,
-        duration=motion.end,
+        rate=sums.rate,
+        cutoff=sums.cutoff,
+        duration=sums.end,
         coverage=coverage,
         verdicts=verdicts,
         failures=tuple(recording_failures(coverage, verdicts, tolerances)),
         segments=segments,
-        notes=(*recording.notes, *statistics.sentences, *undetermined_scale(verdicts, tolerances)),
+        notes=(*sums.notes, *statistics.sentences, *undetermined_scale(verdicts, tolerances)),
         comparison=comparison,
     )

@@ -156,12 +156,38 @@ class Comparison:
             rows = slice(begin, end)
             counts = counted[rows].sum(axis=0)
             squares = _column_products(residuals[rows], residuals[rows])
-            if number in self._windows:
-                window = self._windows[number]
-                counts = counts + window.counts
-                squares = squares + window.squares
-            self._windows[number] = WindowSums(counts, squares)
+            self._add_window(number, WindowSums(counts, squares))
             self._scale_sums.add(number, columns[:, rows], counted[rows])
+
+    def _add_window(self, number: int, sums: WindowSums) -> None:
+        if number in self._windows:
+            window = self._windows[number]
+            sums = WindowSums(window.counts + sums.counts, window.squares + sums.squares)
+        self._windows[number] = sums
+
+    def append(self, later: Comparison) -> None:
+        """Add the sums of a later part of the same recording."""
+        if later._shift is None:
+            return
+        shift = np.zeros(len(self.joint_names))
+        if self._shift is None:
+            self._shift = later._shift
+        else:
+            shift = later._shift - self._shift
+        self.samples += later.samples
+        self.counts = self.counts + later.counts
+        self.has_efforts = self.has_efforts & later.has_efforts
+        self.residual_sums += later.residual_sums
+        self._unfiltered_squares += later._unfiltered_squares
+        self._noise_squares += later._noise_squares
+        self._noise_band = later._noise_band
+        self.at = np.where(later.largest > self.largest, later.at, self.at)
+        self.largest = np.maximum(self.largest, later.largest)
+        self.peaks = np.maximum(self.peaks, later.peaks)
+        for number, window in later._windows.items():
+            self._add_window(number, window)
+        self._scale_sums.append(later._scale_sums, shift)
+        self._plot_sampler.append(later._plot_sampler)
 
     def drop_windows_before(self, number: int) -> None:
         """Drop the sums of the windows with lower numbers: those that begin before `number` times `window` [s]."""

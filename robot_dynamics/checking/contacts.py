@@ -29,7 +29,7 @@ MIN_EVIDENCE = 150.0  # least evidence of a contact
 MIN_JOINT_EVIDENCE = 12.0  # least evidence in one joint
 MIN_JOINTS = 2  # joints that a contact loads at least
 STICTION_RATIO = 1.5  # static friction of a joint at most, relative to its Coulomb friction
-REST_NOISE_RATIO = 5.0  # residual at rest beyond static friction, relative to that in motion
+REST_NOISE_RATIO = 5.0  # residual at rest beyond static friction, relative to the scatter of residuals at rest
 MIN_REST_DURATION = 0.3  # [s] of a contact at rest
 
 
@@ -65,7 +65,8 @@ def find_contact_at_rest(signals: FaultSignals, joints: tuple[Joint, ...]) -> Co
     Parameters
     ----------
     signals : of n joints.
-    joints : the n joints of the robot. Those without friction in the model have no bound, and show no contact.
+    joints : the n joints of the robot. Those whose friction in the model is less than the scatter of their residuals at
+        rest have no bound, and show no contact: a fit that does not see friction gives little or none.
     """
     return max(_contacts_at_rest(signals, joints), key=lambda contact: contact.evidence, default=None)
 
@@ -117,7 +118,7 @@ def _contacts_at_rest(signals: FaultSignals, joints: tuple[Joint, ...]) -> Itera
         [_robust_deviation(column[rests]) for column, rests in zip(signals.residuals.T, signals.resting.T, strict=True)]
     )
     bound = STICTION_RATIO * friction + REST_NOISE_RATIO * noise
-    excess = np.where(signals.resting & (friction > 0), np.abs(signals.residuals) - bound, -1)
+    excess = np.where(signals.resting & (friction > noise), np.abs(signals.residuals) - bound, -1)
     excess[~_begins_at_rest(excess > 0, signals.resting)] = -1
     beyond = (excess > 0).any(axis=1)
     edges = np.flatnonzero(np.diff(beyond.astype(int), prepend=0, append=0))

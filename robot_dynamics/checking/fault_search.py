@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ import numpy as np
 from robot_dynamics.checking.change_test import ChangeTest
 from robot_dynamics.checking.contacts import find_contact_in_motion
 from robot_dynamics.checking.fault_hypotheses import describe, fault_hypotheses
+from robot_dynamics.checking.lasting_gain import lasting_gain
 from robot_dynamics.checking.whitening import WhiteningFilter
 
 if TYPE_CHECKING:
@@ -35,6 +37,7 @@ CANDIDATES = 6  # faults with the largest gains whose likelihoods are compared
 CONSTANT_ERRORS = ("payload", "offset")  # faults whose effect over the whole recording is an error of the model
 MAX_P_VALUE = 6e-4  # of a kind of fault; divided by the number of faults of this kind that may be
 MIN_LOG_LIKELIHOOD = 20.0  # least increase of the logarithm of the likelihood
+MIN_LASTING_LOG_LIKELIHOOD = 20.0  # as above, without the best second: an event is no change that lasts
 MIN_LOG_LIKELIHOOD_PER_SIZE = 10.0  # as above, for each fitted size: more sizes fit errors of the model better
 MIN_EFFECT_RATIO = 0.5  # least RMS of the effect of a fault, relative to that of residuals without fault, in one joint
 MIN_PAYLOAD_RATIO = 1.0  # as above, of a payload, whose four sizes fit errors of the model better
@@ -77,6 +80,7 @@ class Candidate:
     hypothesis : kind and joints.
     change : its size and onset.
     gain : increase of the logarithm of the likelihood.
+    whitening : filter of the noise beside it.
     p_value : probability of evidence as strong without fault.
     effect_ratio : largest RMS of its effect on a joint after the onset, relative to the RMS of residuals without it.
     """
@@ -84,6 +88,7 @@ class Candidate:
     hypothesis: FaultHypothesis
     change: Change
     gain: float
+    whitening: WhiteningFilter
     p_value: float
     effect_ratio: float
 
@@ -113,27 +118,32 @@ class FaultSearch:
         self.link = link
         self._joints = joints
         times = signals.times[signals.valid.any(axis=1)]
-        first, last = np.searchsorted(signals.times, [times[0] + MIN_DURATION / 2, times[-1] - MIN_DURATION])
+        limits = [times[0], times[0] + MIN_DURATION / 2, times[-1] - MIN_DURATION]
+        moves, first, last = np.searchsorted(signals.times, limits)
         self._onsets = slice(first, max(first, last))
+        self._onsets_of_swaps = slice(moves, max(first, last))  # no error of the model is like a swap
         nothing = np.zeros_like(signals.residuals)
         whitening, _ = self._fit_noise(nothing)
         self._sound_log_likelihood = whitening.log_likelihood
         test = ChangeTest(signals, whitening, signals.residuals)
         self.contact = find_contact_in_motion(test)
-        hypotheses = list(fault_hypotheses(signals, joints, *masses))
-        self._numbers = Counter(hypothesis.kind for hypothesis in hypotheses)
-        fits = [(hypothesis, self._fit(test, hypothesis)) for hypothesis in hypotheses]
+        self._hypotheses = list(fault_hypotheses(signals, joints, *masses))
+        self._numbers = Counter(hypothesis.kind for hypothesis in self._hypotheses)
+        fits = [(hypothesis, self._fit(test, hypothesis)) for hypothesis in self._hypotheses]
         best = sorted(fits, key=lambda each: -each[1].gain)[:CANDIDATES]
-        self.candidates = sorted((self._candidate(*each) for each in best), key=lambda each: -each.gain)
+        self.candidates = sorted((self._candidate(*each) for each in best), key=lambda each: -self._score(each))
 
     def _fit(self, test: ChangeTest, hypothesis: FaultHypothesis) -> Change:
         return test.fit(
             hypothesis.columns,
             list(hypothesis.affected),
             hypothesis.fit_sizes,
-            self._onsets,
+            self._possible_rows(hypothesis),
             is_constant_error=hypothesis.kind in CONSTANT_ERRORS,
         )
+
+    def _possible_rows(self, hypothesis: FaultHypothesis) -> slice:
+        return self._onsets_of_swaps if hypothesis.kind == "swapped" else self._onsets
 
     def _fit_noise(self, effect: Array) -> tuple[WhiteningFilter, Array]:
         """Fit filter and constant errors of the model (N, n) to the residuals without an effect (N, n)."""
@@ -163,7 +173,8 @@ class FaultSearch:
         after = np.arange(len(signals.times)) >= change.row
         effect = _rms(change.effect, signals.valid & after[:, None])
         unexplained = _rms(signals.residuals - errors - change.effect, signals.valid)
-        return Candidate(hypothesis, change, gain, p_value, float((effect / np.maximum(unexplained, 1e-300)).max()))
+        effect_ratio = float((effect / np.maximum(unexplained, 1e-300)).max())
+        return Candidate(hypothesis, change, gain, whitening, p_value, effect_ratio)
 
     def fault(self) -> Fault | None:
         """The most likely fault; None where a sound robot explains the residuals."""
@@ -185,16 +196,40 @@ class FaultSearch:
             and candidate.p_value * self._numbers[candidate.hypothesis.kind] <= MAX_P_VALUE
             and self._onset_interval(candidate.change) <= MAX_ONSET_INTERVAL * self._duration
             and not self._has_sound_explanation(candidate)
+            and lasting_gain(self.signals, candidate.whitening, candidate.change.effect) >= MIN_LASTING_LOG_LIKELIHOOD
         )
 
+    def _score(self, candidate: Candidate) -> float:
+        """Logarithm of the likelihood, less the part that sizes explain by chance (Schwarz, 1978)."""
+        samples = int(self.signals.valid.any(axis=1).sum())
+        return candidate.gain - 0.5 * len(candidate.change.sizes) * float(np.log(samples))
+
     def _has_sound_explanation(self, candidate: Candidate) -> bool:
-        """Whether a change of the same joints that is no fault is more likely: heat changes friction, for example."""
-        return any(
+        """Whether something that is no fault is more likely.
+
+        This is a change of the same joints that is no fault, as heat changes friction, or a load from the first sample
+        on that the model does not have.
+        """
+        score = self._score(candidate)
+        return self._gain_of_constant_load > score or any(
             each.hypothesis.joints == candidate.hypothesis.joints
-            and each.gain > candidate.gain
+            and self._score(each) > score
             and not each.hypothesis.is_fault(each.change.sizes)
             for each in self.candidates
         )
+
+    @cached_property
+    def _gain_of_constant_load(self) -> float:
+        """Increase of the logarithm of the likelihood by a payload from the first sample on."""
+        payload = next(each for each in self._hypotheses if each.kind == "payload")
+        effect = np.zeros_like(self.signals.residuals)
+        for _ in range(ITERATIONS):
+            whitening, _ = self._fit_noise(effect)
+            test = ChangeTest(self.signals, whitening, self.signals.residuals)
+            joints = list(payload.affected)
+            effect = test.fit(payload.columns, joints, payload.fit_sizes, slice(0, 1), is_constant_error=False).effect
+        whitening, _ = self._fit_noise(effect)
+        return whitening.log_likelihood - self._sound_log_likelihood
 
     def _is_large(self, candidate: Candidate) -> bool:
         """Whether size, likelihood and effect are beyond those of sound robots."""
@@ -229,9 +264,12 @@ class FaultSearch:
         earliest, latest = self._possible_onsets(change)
         names = tuple(self.names[joint] for joint in candidate.hypothesis.joints)
         description = describe(candidate.hypothesis.kind, names, change.sizes, self.link)
-        sentence = f"{description}, since {onset:.4g} s (between {earliest:.4g} and {latest:.4g} s)"
-        kind = candidate.hypothesis.kind
-        return Fault(kind, names, onset, (earliest, latest), candidate.gain, candidate.p_value, sentence)
+        since = f"since {onset:.4g} s (between {earliest:.4g} and {latest:.4g} s)"
+        if earliest < times[self._possible_rows(candidate.hypothesis).start]:
+            earliest, since = float(times[0]), f"from the start (at the latest since {latest:.4g} s)"
+        gain, p_value = candidate.gain, candidate.p_value
+        sentence = f"{description}, {since}"
+        return Fault(candidate.hypothesis.kind, names, onset, (earliest, latest), gain, p_value, sentence)
 
 
 def name_contact(contact: Contact, joint_names: Sequence[str]) -> Fault:

@@ -125,9 +125,10 @@ class FaultSignals:
         Returns
         -------
         columns : (N, K)
-            Offset, friction as a curve over velocity, scale and delay; then the response of the joint to its
-            prediction. Efforts some time before and after a sample have the same coefficient, so that the response
-            contains no delay. Friction has separate ones: it is late where joints are elastic.
+            Friction that changes with time, as joints warm up; offset, friction as a curve over velocity, scale and
+            delay; then the response of the joint to its prediction. Efforts some time before and after a sample have
+            the same coefficient, so that the response contains no delay. Friction has separate ones: it is late where
+            joints are elastic.
         free : int
             Number of columns before those of the response.
         """
@@ -139,7 +140,9 @@ class FaultSignals:
             float(np.sqrt(np.mean(velocity[self.valid[:, joint]] ** 2))) if self.valid[:, joint].any() else 0.0
         )
         slow = signs / (1 + (speed / (SLOW_RATIO * typical_speed + 1e-9)) ** 2)
-        free = [np.ones(len(now)), velocity, signs, slow, speed, speed * velocity, now, self.effort_rates[:, joint]]
+        age = (self.times - self.times[0]) / (self.times[-1] - self.times[0])
+        free = [age * signs, age * velocity, np.ones(len(now)), velocity, signs, slow, speed, speed * velocity]
+        free += [now, self.effort_rates[:, joint]]
         return np.stack([*free, *(earlier + later), *earlier_signs, *later_signs], axis=-1), len(free)
 
     def _neighbours(self, values: Array) -> tuple[Array, Array, Array]:

@@ -11,17 +11,15 @@ from robot_dynamics.checking.block_averages import BlockAverages
 from robot_dynamics.checking.contacts import find_contact_at_rest
 from robot_dynamics.checking.fault_search import FaultSearch, name_contact
 from robot_dynamics.checking.fault_signals import FIXED_ROWS, FaultSignals
+from robot_dynamics.checking.load_hint import last_link_name, unit_payload_models
 from robot_dynamics.checking.recording_faults import Gap, fault_of_jump, find_missing_rows
-from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.model.inertia import Inertia
-from robot_dynamics.model.robot import attach_payload
+from robot_dynamics.checking.swapped_joints import SwapSearch
 from robot_dynamics.recordings.joint_motions import EDGE_PERIODS
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.checking.check import Predictor
     from robot_dynamics.checking.fault_search import Fault
-    from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.position_jumps import PositionJump
 
@@ -44,16 +42,17 @@ class Evidence:
     def __init__(self, predictor: Predictor, link: str | None = None) -> None:
         self._predictor = predictor
         robot = predictor.dynamics.robot
-        self.link = link or _last_link_name(robot)
+        self.link = link or last_link_name(robot)
         self.names = predictor.dynamics.joint_names
         self._joints = tuple(robot.joints[robot.joint_numbers[name]] for name in self.names)
-        unit_payloads = [Inertia(1.0), *(Inertia(0.0, axis) for axis in np.eye(3))]
-        self._loaded = [Dynamics(attach_payload(robot, self.link, payload)) for payload in unit_payloads]
+        self._loaded = unit_payload_models(robot, self.link)
         moving_mass = sum(link.inertia.mass for link in robot.links[1:])
         self._masses = robot.links[robot.frame(self.link).link].inertia.mass, moving_mass
         self._averages: BlockAverages | None = None  # of rows for FaultSignals
         self._cutoff = 0.0
         self._jumps: list[PositionJump] = []
+        self._begin: tuple[float, float] | None = None  # time of the first motion, and edge of the filter [s]
+        self._swaps = SwapSearch(predictor)
         self._end: float | None = None  # of the last motion
         self._longest_gap: Gap | None = None
         self._has_efforts = np.ones(len(self.names), dtype=bool)
@@ -62,6 +61,7 @@ class Evidence:
         """Add a motion and its predicted efforts (N, n); origin is not used (the interface of `PieceCallback`)."""
         n = len(self.names)
         self._note_gap(motion)
+        self._swaps.add(motion)
         if motion.jump is not None:
             self._jumps.append(motion.jump)
         if self._averages is None:
@@ -82,11 +82,35 @@ class Evidence:
     def _note_gap(self, motion: Motion) -> None:
         """Keep the gap before a motion if it is the longest; the filter leaves out an edge at each side."""
         edge = EDGE_PERIODS / motion.cutoff
-        if self._end is not None:
-            gap = Gap(self._end + edge, motion.time - self._end - 2 * edge)
-            if self._longest_gap is None or gap.duration > self._longest_gap.duration:
-                self._longest_gap = gap
+        if self._begin is None:
+            self._begin = motion.time, edge
+        self._keep_gap(motion.time, edge)
         self._end = motion.end
+
+    def _keep_gap(self, begin: float, edge: float) -> None:
+        """Keep the gap between the last motion and a time [s]."""
+        if self._end is not None:
+            self._keep_longest(Gap(self._end + edge, begin - self._end - 2 * edge))
+
+    def _keep_longest(self, gap: Gap) -> None:
+        if self._longest_gap is None or gap.duration > self._longest_gap.duration:
+            self._longest_gap = gap
+
+    def append(self, later: Evidence) -> None:
+        """Add the evidence of a later part of the same recording."""
+        if later._averages is None or later._begin is None:
+            return
+        self._jumps += later._jumps
+        self._swaps.append(later._swaps)
+        self._keep_gap(*later._begin)
+        if later._longest_gap is not None:
+            self._keep_longest(later._longest_gap)
+        if self._averages is None:
+            self._begin, self._averages = later._begin, later._averages
+        else:
+            self._averages.append(later._averages)
+        self._end, self._cutoff = later._end, later._cutoff
+        self._has_efforts &= later._has_efforts
 
     def _offset_effect(self, motion: Motion, predicted: Array, joint: int) -> Array:
         """Change of residuals (N, n) for each rad or m by which positions of a joint are recorded too large.
@@ -110,7 +134,7 @@ class Evidence:
             return None
         faults = (fault_of_jump(jump, self.names, signals.step) for jump in self._jumps)
         fault = next((each for each in faults if each is not None), None)
-        fault = fault or find_missing_rows(signals, self._longest_gap)
+        fault = fault or find_missing_rows(signals, self._longest_gap) or self._swaps.find_swapped_columns(self.names)
         if fault is not None:
             return fault
         if signals.valid.any(axis=1).sum() >= MIN_SAMPLES:
@@ -118,7 +142,7 @@ class Evidence:
         if fault is not None:
             return fault
         contact = find_contact_at_rest(signals, self._joints)
-        return None if contact is None else name_contact(contact, self.names)
+        return self._swaps.find_swapped_efforts(self.names) if contact is None else name_contact(contact, self.names)
 
     def _signals(self) -> FaultSignals | None:
         """The signals of the recording; None where the samples are too few."""
@@ -129,8 +153,3 @@ class Evidence:
             return None
         rows[1:, :, ~self._has_efforts] = 0
         return FaultSignals.from_rows(rows, self._cutoff)
-
-
-def _last_link_name(robot: Robot) -> str:
-    last = len(robot.links) - 1
-    return next(frame.name for frame in reversed(robot.frames) if frame.link == last)

@@ -11,6 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
+from robot_dynamics.checking.plot_labels import plain_label
+from robot_dynamics.file_output import replaced_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +35,8 @@ def write_figures(check: CheckResult, folder: Path) -> list[Path]:
     for name, figure in figures.items():
         FigureCanvasAgg(figure)
         path = folder / f"{name}.png"
-        figure.savefig(path, dpi=110)
+        with replaced_file(path) as file:
+            figure.savefig(file, dpi=110)
         paths.append(path)
     return paths
 
@@ -48,7 +51,7 @@ def _draw_efforts(check: CheckResult) -> Figure:
         joint = verdict.joint
         axes[0].plot(times, measured[:, column], color=MEASURED, lw=0.8, label="measured")
         axes[0].plot(times, predicted[:, column], color=PREDICTED, lw=0.8, label="predicted")
-        axes[0].set_title(f"{joint.joint}: {verdict.word}", fontsize=9)
+        axes[0].set_title(f"{plain_label(joint.joint)}: {verdict.word}", fontsize=9)
         axes[1].plot(times, measured[:, column] - predicted[:, column], color=RESIDUAL, lw=0.8)
         axes[1].axhspan(-verdict.tolerance, verdict.tolerance, color=RESIDUAL, alpha=0.1)
         axes[1].set_title(f"residual, RMS {joint.rms:.3g}, tolerated {verdict.tolerance:.3g}", fontsize=9)
@@ -96,7 +99,7 @@ def _draw_grid(check: CheckResult, draw: Callable[[Axes, int], object]) -> Figur
     grid = figure.subplots(rows, COLUMNS, squeeze=False).ravel()
     for column, verdict in enumerate(check.verdicts):
         draw(grid[column], column)
-        grid[column].set_title(verdict.joint.joint, fontsize=9)
+        grid[column].set_title(plain_label(verdict.joint.joint), fontsize=9)
     for axes in grid[n:]:
         axes.axis("off")
     return figure

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from itertools import islice
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,8 @@ EFFORT_TOLERANCE = 1e-6  # part of the largest effort of a joint, for difference
 class GoldenWriter:
     """Writes a bag of JointStates on TOPIC: filtered positions and velocities, predicted efforts. A context manager.
 
+    The folder appears when the bag is complete; after an error there is none.
+
     Parameters
     ----------
     path : path of the folder of the bag, which must not exist.
@@ -44,6 +47,7 @@ class GoldenWriter:
         if self.path.exists():
             raise RecordingError(f"{self.path} exists already: a new folder is needed for the golden bag")
         self._typestore = load_typestore()
+        self._folder: TemporaryDirectory[str] | None = None  # beside the path, on its file system
         self._writer: Any = None  # of rosbags, which may be missing
         self._connection: object = None
 
@@ -51,7 +55,9 @@ class GoldenWriter:
         rosbag2 = import_rosbag2()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._writer = rosbag2.Writer(self.path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
+            self._folder = TemporaryDirectory(dir=self.path.parent, prefix=f".{self.path.name[:60]}.")
+            unfinished = Path(self._folder.name, self.path.name)  # the name of the folder is in its metadata
+            self._writer = rosbag2.Writer(unfinished, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
             raise RecordingError(f"{self.path} cannot be written: {error.strerror}") from None
@@ -61,7 +67,16 @@ class GoldenWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._writer.close()
+        if self._folder is None:
+            return
+        with self._folder as folder:
+            try:
+                self._writer.close()
+                if error is None:
+                    Path(folder, self.path.name).rename(self.path)
+            except OSError as failure:
+                if error is None:
+                    raise RecordingError(f"{self.path} cannot be written: {failure.strerror}") from None
 
     def add(self, motion: Motion, predicted: Array, origin: int) -> None:
         """Write the predicted efforts (N, n) of a motion; origin: stamp [ns] of its time 0."""
@@ -72,7 +87,11 @@ class GoldenWriter:
         for stamp, *signals in zip(_stamps(motion, origin).tolist(), motion.q, motion.qd, predicted, strict=True):
             header = Header(Time(*divmod(stamp, 1_000_000_000)), "")
             message = JointState(header, self._joint_names, *map(np.ascontiguousarray, signals))
-            self._writer.write(self._connection, stamp, self._typestore.serialize_cdr(message, JOINT_STATE))
+            data = self._typestore.serialize_cdr(message, JOINT_STATE)
+            try:
+                self._writer.write(self._connection, stamp, data)
+            except OSError as error:
+                raise RecordingError(f"{self.path} cannot be written: {error.strerror}") from None
 
 
 class GoldenComparison:

@@ -39,10 +39,26 @@ class PlotSampler:
         times = np.broadcast_to(motion.times[:, None], motion.q.shape)
         signals = (times, motion.efforts, part.filtered, motion.qd, motion.moving)
         self._parts.append(np.stack([each[picked] for each in signals]))
+        self._limit_samples()
+
+    def append(self, later: PlotSampler) -> None:
+        """Append the samples of a later part of the recording."""
+        while self._stride < later._stride:
+            self._halve()
+        while later._stride < self._stride:
+            later._halve()
+        self._parts += later._parts
+        self._limit_samples()
+
+    def _limit_samples(self) -> None:
         while sum(part.shape[1] for part in self._parts) > 2 * MAX_PLOT_SAMPLES:
+            self._halve()
+
+    def _halve(self) -> None:
+        self._stride = 2 * self._stride
+        if self._parts:
             samples = np.concatenate(self._parts, axis=1)[:, ::2].copy()
             self._parts = [samples]
-            self._stride = 2 * self._stride
             self._phase = self._stride * samples.shape[1]
 
     @property

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.position_jumps import PositionJump
 
 MAX_OTHER_JUMP = 0.2  # of the other joints, relative to that of the joint whose encoder jumps
+MAX_SWAP_MISFIT = 0.1  # sum of the jumps of two joints whose columns are swapped, relative to the distance
 COUNT_DURATION = 1.0  # [s] in which recorded samples are counted
 MIN_BLOCKS = 3  # before and after the beginning of a loss
 MIN_LOSS = 0.05  # part of the rows that are missing
@@ -40,11 +41,27 @@ def fault_of_jump(jump: PositionJump, joint_names: Sequence[str], step: float) -
         name = joint_names[largest]
         sentence = f"the position of {name} jumps by {jump.sizes[largest]:+.3g} at {jump.time:.4g} s"
         return Fault("offset", (name,), jump.time, between, None, None, sentence)
+    pair = _swapped_pair(jump)
+    if pair is not None:
+        names = joint_names[pair[0]], joint_names[pair[1]]
+        sentence = f"the columns of {names[0]} and {names[1]} are swapped, since {jump.time:.4g} s"
+        return Fault("swapped", names, jump.time, between, None, None, sentence)
     duration = jump.missing_duration
     if duration is not None:
         sentence = f"rows of {duration:.2g} s are missing at {jump.time:.4g} s, where stamps show no gap"
         return Fault("missing", (), jump.time, between, None, None, sentence)
     return None
+
+
+def _swapped_pair(jump: PositionJump) -> tuple[int, int] | None:
+    """The two joints that jump by the same distance in opposite directions, while no other joint jumps."""
+    if len(jump.sizes) < 2:
+        return None
+    order = np.argsort(-np.abs(jump.sizes))
+    first, second = sorted(order[:2].tolist())
+    distance = abs(float(jump.sizes[first] - jump.sizes[second])) / 2
+    is_swap = abs(jump.sizes[first] + jump.sizes[second]) <= MAX_SWAP_MISFIT * distance
+    return (first, second) if is_swap and (np.abs(jump.sizes[order[2:]]) <= MAX_OTHER_JUMP * distance).all() else None
 
 
 class Gap(NamedTuple):
@@ -66,7 +83,7 @@ def find_missing_rows(signals: FaultSignals, longest_gap: Gap | None) -> Fault |
     if lower_rate is not None or longest_gap is None or longest_gap.duration < MIN_GAP:
         return lower_rate
     start, duration = longest_gap
-    sentence = f"no rows are recorded from {start:.4g} to {start + duration:.4g} s"
+    sentence = f"no row can be used from {start:.4g} to {start + duration:.4g} s: rows are missing or incomplete"
     return Fault("missing", (), start, (start - signals.step, start + signals.step), None, None, sentence)
 
 

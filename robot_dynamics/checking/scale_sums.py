@@ -69,6 +69,20 @@ class ScaleSums:
         while len(self._blocks) > MAX_BLOCKS:
             self._merge_blocks()
 
+    def append(self, later: ScaleSums, shift: Array) -> None:
+        """Add the sums of later samples, whose efforts were smaller by shift (n,) [N m or N] when they were added."""
+        T = np.tile(np.eye(REGRESSORS + 1), (len(shift), 1, 1))
+        T[:, 0, ONE] = T[:, MEASURED, ONE] = shift
+        self.total += T @ later.total @ T.transpose(0, 2, 1)
+        while self._width < later._width:
+            self._merge_blocks()
+        while later._width < self._width:
+            later._merge_blocks()
+        for number, products in later._blocks.items():
+            self._blocks[number] = self._blocks.get(number, 0) + T @ products @ T.transpose(0, 2, 1)
+        while len(self._blocks) > MAX_BLOCKS:
+            self._merge_blocks()
+
     def _merge_blocks(self) -> None:
         merged: dict[int, Array] = {}
         for number, products in self._blocks.items():

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from robot_dynamics.errors import describe_unknown_name
+from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.loading import shipped_file
 from robot_dynamics.recordings.documents import read_document
 
@@ -91,6 +91,11 @@ def load_tolerances(path: str | Path | None = None, joint_names: Collection[str]
     """
     values = read_document(_shipped_path(DEFAULT), SCHEMA, EXPECTED).data
     if path is not None:
+        if path not in SHIPPED and not Path(path).exists():
+            raise DescriptionError(
+                f"tolerances {str(path)!r}: no such file. Name {', '.join(SHIPPED[:-1])} or {SHIPPED[-1]}, or a YAML "
+                "file of your own"
+            )
         document = read_document(_shipped_path(str(path)) if path in SHIPPED else Path(path), SCHEMA, EXPECTED)
         for name in document.data.get("joints", {}):
             if joint_names is not None and name not in joint_names:

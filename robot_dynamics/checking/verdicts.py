@@ -191,23 +191,39 @@ def _scale_failures(joint: JointComparison, tolerated: float) -> Iterator[str]:
 
 
 def undetermined_scale(verdicts: Sequence[Verdict], tolerances: Tolerances) -> Iterator[str]:
-    """Yield a sentence where no joint fails, and no scale is so certain that a wrong gain of all joints would show."""
+    """Yield a sentence where scales of joints that pass are too uncertain for a verdict.
+
+    It is general where no joint fails, and no scale is so certain that a wrong gain of all joints would show. Else it
+    names the joints that pass with a scale beyond its tolerance, for its standard deviation or a small effort.
+    """
     joints = [verdict.joint for verdict in verdicts if verdict.passed]
+    limits = {joint.joint: tolerances.of_joint("max_scale_error", joint.joint) for joint in joints}
     is_certain = [
-        SCALE_DEVIATIONS * joint.scale_deviation <= tolerances.of_joint("max_scale_error", joint.joint)
-        for joint in joints
+        SCALE_DEVIATIONS * joint.scale_deviation <= limits[joint.joint] for joint in joints
     ]  # not so where it is nan
     if joints and not any(verdict.failed for verdict in verdicts) and not any(is_certain):
         yield (
             f"scale not determined: efforts of all joints that are {200 * tolerances.max_scale_error:.3g} % too large "
             "may pass, because the motion is short, or friction is a large part of the efforts"
         )
+        return
+    uncertain = [
+        f"{joint.joint} {joint.scale:.3g} ± {joint.scale_deviation:.2g}"
+        for joint in joints
+        if abs(joint.scale - 1) > limits[joint.joint] and np.isfinite(joint.scale_deviation)
+    ]
+    if uncertain:
+        yield (
+            f"scale too uncertain for a verdict, by its deviation or a small effort: {', '.join(uncertain)}. Record a "
+            "longer motion, with loads that are large beside friction"
+        )
 
 
 def _segment_failures(name: str, segments: Sequence[FailedSegment]) -> Iterator[str]:
     own = [segment for segment in segments if segment.joint == name]
     if own:
-        yield f"out of tolerance from {own[0].start:.4g} s on, {len(own)} times in all"
+        extent = f"{len(own)} times in all" if len(own) > 1 else f"until {own[0].end:.4g} s"
+        yield f"out of tolerance from {own[0].start:.4g} s on, {extent}"
 
 
 def _probable_causes(joint: JointComparison) -> Iterator[str]:

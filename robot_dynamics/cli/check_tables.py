@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from robot_dynamics.cli.recording_notes import merge_notes
 from robot_dynamics.cli.text_table import format_table, print_table, round_to_digits
 
 if TYPE_CHECKING:
     from robot_dynamics.checking.baseline import JointChange
     from robot_dynamics.checking.batch_check import JointSummary, Outcome
     from robot_dynamics.checking.check import CheckResult
+    from robot_dynamics.checking.fault_search import Fault
     from robot_dynamics.cli.text_table import Cell
 
+OUTCOME_HEADER = ["recording", "verdict", "samples", "out of tolerance since [s]", "joints"]
 TABLE_HEADER = [
     "joint",
     "verdict",
@@ -31,16 +34,22 @@ TABLE_HEADER = [
 ]
 
 
-def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) -> None:
-    """Print the outcomes of several recordings, and the summary of each joint."""
-    print_table(
-        ["recording", "verdict", "samples", "since [s]", "what is wrong"], [_outcome_row(each) for each in outcomes]
-    )
-    for outcome in outcomes:
-        if outcome.error is not None:
-            print(f"not checked: {outcome.recording}: {outcome.error}")
-        for failure in outcome.check.failures if outcome.check is not None else ():
-            print(f"{outcome.recording}: {failure}")
+def print_outcomes(
+    outcomes: Sequence[Outcome],
+    results: Sequence[Mapping[str, object]],
+    joints: Sequence[JointSummary],
+    *,
+    faults: bool = False,
+) -> None:
+    """Print the outcomes of several recordings, and the summary of each joint.
+
+    results: of the recordings in the form of the JSON file, whose verdicts include the comparison with a baseline;
+    faults: whether faults were searched.
+    """
+    print_table(OUTCOME_HEADER, [_outcome_row(*pair) for pair in zip(outcomes, results, strict=True)])
+    notes = {outcome.recording: outcome.check.notes for outcome in outcomes if outcome.check is not None}
+    for note in merge_notes(notes):
+        print(f"note: {note}")
     if joints:
         rows: list[list[Cell]] = [
             [joint.joint, round_to_digits(joint.rms, 3), round_to_digits(joint.bias, 3), len(joint.failed), joint.worst]
@@ -52,26 +61,44 @@ def print_outcomes(outcomes: Sequence[Outcome], joints: Sequence[JointSummary]) 
             "Measured minus predicted effort of all recordings [N m or N]",
         )
     for outcome in outcomes:
-        if outcome.check is not None:
-            for note in outcome.check.notes:
-                print(f"note: {outcome.recording}: {note}")
-    passed = sum(1 for outcome in outcomes if outcome.passed)
-    unchecked = sum(1 for outcome in outcomes if outcome.passed_or_not_judged is None)
-    print(f"\n{passed} passed, {len(outcomes) - passed - unchecked} FAILED, {unchecked} not checked")
+        if outcome.error is not None:
+            begins_with_name = outcome.error.startswith((f"{outcome.recording}:", f"{outcome.recording} "))
+            print(f"not checked: {'' if begins_with_name else f'{outcome.recording}: '}{outcome.error}")
+        for failure in outcome.check.failures if outcome.check is not None else ():
+            print(f"{outcome.recording}: {failure}")
+        if outcome.fault is not None:
+            print(f"{outcome.recording}: {describe_fault(outcome.fault)}")
+    if faults and not any(outcome.fault for outcome in outcomes):
+        print(describe_fault(None))
 
 
-def _outcome_row(outcome: Outcome) -> list[Cell]:
-    """Return the cells of a recording in the table of outcomes."""
+def describe_fault(fault: Fault | None) -> str:
+    """The sentence on the fault that --faults finds in a recording."""
+    return f"fault: {fault.sentence}" if fault else "no fault found"
+
+
+def format_counts(results: Sequence[Mapping[str, object]]) -> str:
+    """Count the verdicts on recordings, from their results in the form of the JSON file."""
+    words = ["not checked" if "joints" not in result else _overall_word(result["passed"]) for result in results]
+    counts = {word: words.count(word) for word in ("passed", "FAILED", "not judged", "not checked")}
+    return ", ".join(f"{count} {word}" for word, count in counts.items() if count or word in ("passed", "FAILED"))
+
+
+def _outcome_row(outcome: Outcome, result: Mapping[str, object]) -> list[Cell]:
+    """Return the cells of a recording in the table of outcomes; result: in the form of the JSON file."""
     if outcome.check is None:
         return [outcome.recording, "not checked", None, None, None]
     failed = [verdict.joint.joint for verdict in outcome.check.verdicts if verdict.failed]
-    fault = outcome.fault.sentence if outcome.fault else ""
+    not_judged = outcome.check.not_judged
+    joints = [
+        f"{word}: {', '.join(names)}" for word, names in (("failed", failed), ("not judged", not_judged)) if names
+    ]
     return [
         outcome.recording,
-        _overall_word(outcome.passed_or_not_judged),
+        _overall_word(result["passed"]),
         outcome.check.comparison.samples,
         outcome.check.first_failure_time,
-        "; ".join(filter(None, (", ".join(failed), fault))),
+        "; ".join(joints),
     ]
 
 
@@ -133,7 +160,7 @@ def format_check(result: CheckResult, passed: bool | None = None, sentences: Seq
     return "\n".join([*lines, *sentences, "", verdict_line])
 
 
-def _overall_word(passed: bool | None) -> str:
+def _overall_word(passed: object) -> str:
     """The verdict on a recording; passed: None where nothing could be judged."""
     return "not judged" if passed is None else "passed" if passed else "FAILED"
 

@@ -25,13 +25,14 @@ def add_executor_arguments(parser: ArgumentParser) -> None:
         type=int,
         default=1,
         metavar="N",
-        help="number of local processes, each with one recording at a time (default: %(default)s)",
+        help="number of local processes, each with one recording, or part of a long bag, at a time (default: "
+        "%(default)s)",
     )
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="Dask cluster, such as tcp://host:8786, with one task per recording; its workers read the files by the "
-        "same paths",
+        help="Dask cluster, such as tcp://host:8786, with a task for each recording, or each part of a long bag; its "
+        "workers read the files by the same paths",
     )
 
 

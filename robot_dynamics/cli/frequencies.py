@@ -7,7 +7,6 @@ PNG files too.
 
 from __future__ import annotations
 
-import os
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
 from robot_dynamics.cli.progress import progress_bar
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.cli.text_table import print_table
+from robot_dynamics.codegen.jit.threads import available_processors
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
@@ -120,7 +120,7 @@ def draw_map(arguments: Namespace, dynamics: Dynamics) -> None:
     is_html = path.suffix.lower() == ".html"
     if is_html:
         frequency_plots.import_plotly()  # fails before the computation if plotly is missing
-    threads = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    threads = available_processors()
     with progress_bar(100, "poses", "%") as show_progress:
         result = frequency_map(
             dynamics, axes, fixed_coordinates, arguments.count, threads, lambda share: show_progress(100 * share)
@@ -128,8 +128,8 @@ def draw_map(arguments: Namespace, dynamics: Dynamics) -> None:
     if is_html:
         write_text(path, frequency_plots.map_html(dynamics.robot.name, result))
     else:
-        with output_file(path):
-            frequency_plots.save_map_png(dynamics.robot.name, result, path)
+        with output_file(path) as file:
+            frequency_plots.save_map_png(dynamics.robot.name, result, file)
     print(f"{path}: {result.reachable.sum()} of {result.reachable.size} poses reached")
     if result.reachable.any():
         rows: list[list[Cell]] = []

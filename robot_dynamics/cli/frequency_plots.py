@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from robot_dynamics.checking.plot_labels import plain_label
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
@@ -82,7 +83,7 @@ def save_map_png(name: str, frequencies: FrequencyMap, path: str | Path) -> None
         axes.set(title=f"f{k + 1}", xlabel=_axis_label(first), ylabel=_axis_label(second))
         if COORDINATE_UNITS[first] == COORDINATE_UNITS[second]:
             axes.set_aspect("equal")
-    figure.suptitle(f"Natural frequencies of {name}")
+    figure.suptitle(f"Natural frequencies of {plain_label(name)}")
     figure.savefig(path, dpi=110)
 
 

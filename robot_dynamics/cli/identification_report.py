@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import textwrap
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.cli.friction_report import friction_as_dict, print_friction
-from robot_dynamics.cli.parameter_rows import parameter_rows
+from robot_dynamics.cli.parameter_rows import describe_negative_values, parameter_rows, print_parameters
+from robot_dynamics.cli.recording_notes import merge_notes
 from robot_dynamics.cli.text_table import print_table, round_to_digits
 from robot_dynamics.identification.validation_verdict import failed_validations, validation_growth
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from robot_dynamics.identification.physical_consistency import WrittenRobot
     from robot_dynamics.identification.sample_sums import FitQuality
 
-MAX_EXPRESSION_LENGTH = 60
 MAX_NAMES = 6
 RESIDUAL_LEGEND = (
     "written: the physically consistent robot of --output. unconstrained: least squares without physical limits.\n"
@@ -32,11 +31,6 @@ RESIDUAL_LEGEND = (
     "held out: RMS on seconds of the fitted recordings that were left out of the fit one by one.\n"
     "unfiltered: RMS of the unconstrained fit before the filter. spread: standard deviation of the measured effort.\n"
     "Samples at which a joint rests do not count."
-)
-PARAMETER_LEGEND = (
-    "deviation: standard deviation, from the scatter between seconds of motion, and for friction 2 % between runs.\n"
-    "not essential: the fit is as good without this parameter. not seen: the motion does not show it; the fit keeps\n"
-    "what the description says."
 )
 
 
@@ -57,6 +51,11 @@ class IdentificationResults:
     gains: DriveGains | None = None
     friction: FrictionResults | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def written_values(self) -> Array | None:
+        """Values (P,) of the parameters of the written robot, None if it was not computed."""
+        return None if self.written is None else self.written.consistent.values
 
     @property
     def validated_pair(self) -> tuple[FitQuality, FitQuality] | None:
@@ -89,7 +88,8 @@ class IdentificationResults:
         ]
         warning = (
             f"on data that the fit has not seen the residuals are larger than on fitted data: {', '.join(worse)}. The "
-            "robot has changed, or the fit describes one recording only: use more recordings"
+            "robot has changed or carries another load (replay-check compares the residuals with a load), or the fit "
+            "describes one recording only: use more recordings"
         )
         return (*self.fit.warnings, warning)
 
@@ -106,7 +106,7 @@ def print_results(results: IdentificationResults) -> None:
     )
     for line in _verdict_lines(results):
         print(line)
-    for note in (*fit.notes, *results.notes):
+    for note in (*merge_notes(fit.notes), *results.notes):
         print(f"note: {note}")
     for warning in results.warnings:
         print(f"warning: {warning}")
@@ -116,8 +116,7 @@ def print_results(results: IdentificationResults) -> None:
         print_friction(results.friction, fit)
     _print_residuals(results)
     print(RESIDUAL_LEGEND)
-    _print_parameters(results)
-    print(PARAMETER_LEGEND)
+    print_parameters(list(parameter_rows(fit, results.essential, results.written_values)))
     if results.gains is not None:
         _print_gains(results.gains)
 
@@ -134,10 +133,11 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
             "deviation": row.deviation,
             "deviation_within_run": row.deviation_within_run,
             "description": row.description,
+            "written": row.written,
             "essential": row.is_essential,
             "seen": row.is_seen,
         }
-        for row in parameter_rows(fit, results.essential)
+        for row in parameter_rows(fit, results.essential, results.written_values)
     ]
     determination = results.determination
     written = results.written
@@ -174,7 +174,10 @@ def as_dict(results: IdentificationResults) -> dict[str, object]:
         ],
         "friction": friction_as_dict(results.friction, fit),
         "warnings": list(results.warnings),
-        "notes": [*fit.notes, *results.notes],
+        "notes": [
+            *(f"{name}: {sentence}" for name, sentences in fit.notes.items() for sentence in sentences),
+            *results.notes,
+        ],
         "gains": None if results.gains is None else _gains_as_dicts(results.gains),
     }
 
@@ -212,6 +215,9 @@ def _verdict_lines(results: IdentificationResults) -> list[str]:
             f"  the written robot differs from the description by {results.written.distance:.2g} link scales in the "
             "RMS of its parameters"
         )
+        negative = describe_negative_values(fit)
+        if negative:
+            lines.append(f"  below zero in the fit, and not in the written robot: {', '.join(negative)}")
     return lines
 
 
@@ -246,20 +252,6 @@ def _print_residuals(results: IdentificationResults) -> None:
 
 def _rms(quality: FitQuality | None) -> Array | None:
     return None if quality is None else quality.rms
-
-
-def _print_parameters(results: IdentificationResults) -> None:
-    fit = results.fit
-    rows: list[list[Cell]] = []
-    for row in parameter_rows(fit, results.essential):
-        name = textwrap.shorten(row.expression, MAX_EXPRESSION_LENGTH, placeholder=" ...")
-        nominal = round_to_digits(row.description, 4)
-        if row.is_seen:
-            remark = "" if row.is_essential else "not essential"
-            rows.append([name, round_to_digits(row.value, 4), round_to_digits(row.deviation, 2), nominal, remark])
-        else:
-            rows.append([name, None, None, nominal, "not seen"])
-    print_table(["parameter", "value", "deviation", "description", ""], rows, "Parameters, SI")
 
 
 def _print_gains(gains: DriveGains) -> None:

@@ -228,7 +228,7 @@ class _SampleSource:
             start_fraction=start,
             end_fraction=end,
             executor=self.executor,
-            progress=progress_wrapper(len(recordings), "recordings", unit=" recordings"),
+            progress=lambda items, total: progress_wrapper(total, "recordings", unit=" parts")(items),
         )
 
 

@@ -74,7 +74,15 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
 
 def run_verb(parsed: argparse.Namespace) -> int:
     """Run the verb of parsed arguments, print its errors to stderr, and return the exit status."""
+    from robot_dynamics.cli.terminal_text import escaped_output
+
+    with escaped_output():
+        return _run_verb(parsed)
+
+
+def _run_verb(parsed: argparse.Namespace) -> int:
     from robot_dynamics.cli.output_files import discard_stdout, refuse_overwriting
+    from robot_dynamics.cli.terminal_text import escape_line
 
     prefix = f"robot-dynamics {parsed.verb}"
     try:
@@ -82,7 +90,7 @@ def run_verb(parsed: argparse.Namespace) -> int:
         status = parsed.run(parsed)
         sys.stdout.flush()
     except RobotDynamicsError as error:
-        print(f"{prefix}: {error}", file=sys.stderr)
+        print(f"{prefix}: {escape_line(str(error))}", file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
         print(missing_package_error(error, prefix), file=sys.stderr)

@@ -76,8 +76,8 @@ def run(arguments: Namespace) -> None:
     print("\n".join(_summary(result, dynamics.robot)))
     from robot_dynamics.cli.map_plot import draw_pose_map  # here, because it takes half a second to import
 
-    with output_file(arguments.output):
-        draw_pose_map(arguments.output, result, dynamics.robot, arguments.acceleration)
+    with output_file(arguments.output) as file:
+        draw_pose_map(file, result, dynamics.robot, arguments.acceleration)
     if arguments.csv:
         with output_file(arguments.csv) as file:
             _write_table(file, result, dynamics.robot)

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from robot_dynamics.checking.plot_labels import plain_label
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
@@ -55,7 +56,7 @@ def _title(result: PoseMap, robot: Robot, acceleration: Sequence[float] | None) 
         f"{name} = {round(value, 9) + 0.0:.4g} {COORDINATE_UNITS[name]}"
         for name, value in result.fixed_coordinates.items()
     )
-    title = f"{robot.name}: platform" + (f" at {coordinates}; " if coordinates else ", ")
+    title = f"{plain_label(robot.name)}: platform" + (f" at {coordinates}; " if coordinates else ", ")
     if acceleration is None or not np.any(acceleration):
         return title + "at rest"
     return title + "accelerated by " + " ".join(f"{value:g}" for value in acceleration) + " m/s², rad/s²"
@@ -108,8 +109,9 @@ def _draw_line(panels: Sequence[Axes], result: PoseMap, robot: Robot) -> None:
     panels[0].set_ylabel("condition number")
     for k, joint in enumerate(result.joint_names):
         prismatic = robot.joints[robot.joint_numbers[joint]].prismatic
-        panels[1].plot(values, result.efforts[:, k], label=f"{joint} [{'N' if prismatic else 'N m'}]")
-        panels[2].plot(values, result.positions[:, k], label=f"{joint} [{'m' if prismatic else 'rad'}]")
+        label = plain_label(joint)
+        panels[1].plot(values, result.efforts[:, k], label=f"{label} [{'N' if prismatic else 'N m'}]")
+        panels[2].plot(values, result.positions[:, k], label=f"{label} [{'m' if prismatic else 'rad'}]")
     panels[1].set_ylabel("effort")
     panels[2].set_ylabel("position of the motor")
     panels[2].set_xlabel(_axis_label(name))

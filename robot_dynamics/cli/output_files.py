@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
+from robot_dynamics.file_output import replaced_file
 from robot_dynamics.model.loading import shipped_robots
 
 # Arguments of all verbs that name input and output files.
@@ -37,14 +38,21 @@ def check_ending(path: str | Path, endings: Iterable[str], option: str = "", hin
 
 @contextmanager
 def output_file(path: str | Path) -> Iterator[Path]:
-    """Yield the path of a file to write in the block, after creating its folder.
+    """Yield the path of a file to write in the block, which then takes the place of the file; creates its folder.
 
-    Raises RobotDynamicsError if the folder or the file cannot be written.
+    Raises RobotDynamicsError if the folder or the file cannot be written; the file that was there has not changed.
     """
-    path = Path(path)
+    with _refused_if_unwritable(path):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        with replaced_file(path) as file:
+            yield file
+
+
+@contextmanager
+def _refused_if_unwritable(path: str | Path) -> Iterator[None]:
+    """Raise RobotDynamicsError if the block cannot write a path."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        yield path
+        yield
     except (OSError, ValueError) as error:  # ValueError: the name contains a null character
         reason = getattr(error, "strerror", None) or error
         raise RobotDynamicsError(f"{str(path)[:200]} cannot be written: {reason}") from None
@@ -58,7 +66,9 @@ def write_text(path: str | Path, text: str) -> None:
 
 def check_writable(path: str | Path) -> None:
     """Check before a long computation that its result can be written to a file. Raises RobotDynamicsError."""
-    with output_file(path) as file:
+    file = Path(path)
+    with _refused_if_unwritable(path):
+        file.parent.mkdir(parents=True, exist_ok=True)
         existed = file.exists()
         if existed and not file.is_file() and not file.is_dir():
             return  # a pipe or a device: opening it would be seen at its other end
@@ -70,8 +80,9 @@ def check_writable(path: str | Path) -> None:
 
 def check_writable_folder(path: str | Path) -> None:
     """Create a folder, and check that files can be written to it. Raises RobotDynamicsError."""
-    with output_file(path) as folder:
-        folder.mkdir(exist_ok=True)
+    folder = Path(path)
+    with _refused_if_unwritable(path):
+        folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
 

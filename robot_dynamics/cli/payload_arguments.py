@@ -29,8 +29,8 @@ def add_gain_arguments(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="RECORDING=LINK:MASS",
-        help="payload [kg] on a link in one of the recordings; its centre of mass and inertia need not be known; "
-        "repeat for several recordings",
+        help="payload [kg] on a link in one of the recordings, which is named by its path or its file name; its centre "
+        "of mass and inertia need not be known; repeat for several recordings",
     )
 
 
@@ -52,9 +52,7 @@ def parse_known_payloads(arguments: Namespace, robot: Robot, recordings: Sequenc
     payloads: dict[str, Payload] = {}
     for text in arguments.known_payload:
         path, payload = _parse_payload(text)
-        name = names.get(Path(path).resolve())
-        if name is None:
-            raise RecordingError(f"--known-payload {text}: {path} is not one of the recordings")
+        name = names.get(Path(path).resolve()) or _recording_of_file_name(text, path, recordings)
         if name in payloads:
             raise RecordingError(f"--known-payload {text}: {path} has a payload already")
         if robot.frame(payload.link).link == 0:
@@ -63,6 +61,16 @@ def parse_known_payloads(arguments: Namespace, robot: Robot, recordings: Sequenc
     for payload in set(payloads.values()) - {payload for name, payload in payloads.items() if name in fitted}:
         raise RecordingError(f"--known-payload {payload.link}:{payload.mass:g} is in no recording that is fitted")
     return payloads
+
+
+def _recording_of_file_name(text: str, file_name: str, recordings: Sequence[Recording]) -> str:
+    """The name of the recording with a file name. Raises RecordingError if there is none, or several."""
+    names = [recording.name for recording in recordings if Path(recording.name).name == file_name]
+    if len(set(names)) == 1:
+        return names[0]
+    reason = "is the name of several recordings" if names else "is not one of the recordings"
+    known = ", ".join(dict.fromkeys(names or [recording.name for recording in recordings]))
+    raise RecordingError(f"--known-payload {text}: {file_name} {reason}. Name one of: {known}")
 
 
 def _parse_payload(text: str) -> tuple[str, Payload]:

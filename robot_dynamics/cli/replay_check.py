@@ -19,7 +19,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.check_files import CheckFiles
-from robot_dynamics.cli.check_tables import format_changes, format_check, print_outcomes
+from robot_dynamics.cli.check_tables import describe_fault, format_changes, format_check, format_counts, print_outcomes
 from robot_dynamics.cli.executors import add_executor_arguments, open_executor
 from robot_dynamics.cli.output_files import allow_closed_stdout
 from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings, parse_sample_range
@@ -134,8 +134,8 @@ def _check_one(arguments: Namespace, path: str, files: CheckFiles) -> int:
     changes, notes = _compare_with_baseline(arguments, [entry])
     sentences = differences or ([golden.agreement] if golden else [])
     if arguments.faults:
-        sentences = [*sentences, f"fault: {fault.sentence}" if fault else "no fault found"]
-    sentences += [*notes, *format_changes(changes)]
+        sentences = [*sentences, describe_fault(fault)]
+    sentences += [*(f"note: {note}" for note in notes), *format_changes(changes)]
     try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the result is printed
         files.write_results([entry], summarize_joints([outcome]))
         files.write_figures(path, result)
@@ -167,8 +167,9 @@ def _check_many(arguments: Namespace, paths: Sequence[str], files: CheckFiles, e
         files.write_results(entries, joints)
     finally:
         with allow_closed_stdout():
-            print_outcomes(outcomes, joints)
-            print("\n".join([*notes, *format_changes(changes)]), end="\n" if notes or changes else "")
+            print_outcomes(outcomes, entries, joints, faults=arguments.faults)
+            print("\n".join([*(f"note: {note}" for note in notes), *format_changes(changes), ""]))
+            print(format_counts(entries))
     return _exit_status(entries)
 
 

@@ -6,6 +6,8 @@ from typing import TypeAlias
 
 from tabulate import tabulate
 
+from robot_dynamics.cli.terminal_text import escape_line
+
 Cell: TypeAlias = str | int | float | None
 
 
@@ -39,7 +41,7 @@ def format_cell(cell: Cell) -> str:
     """Format a number with six digits; None and infinite numbers are empty."""
     if cell is None or (isinstance(cell, float) and math.isinf(cell)):
         return ""
-    return f"{cell:.6g}" if isinstance(cell, float) else str(cell)
+    return f"{cell:.6g}" if isinstance(cell, float) else escape_line(str(cell))
 
 
 def round_to_digits(value: float, digits: int) -> float:

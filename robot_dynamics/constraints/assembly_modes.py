@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.constraints.mobility import close_by_moving
+from robot_dynamics.constraints.closure_search import close_by_moving
 from robot_dynamics.constraints.newton_iteration import MAX_STEP, SHORT_STRIDE
 
 if TYPE_CHECKING:

@@ -1,21 +1,27 @@
-"""Rotations and their yaw, pitch and roll: R = Rz(ψ) Ry(θ) Rx(φ)."""
+"""Rotations and their yaw, pitch and roll: R = Rz(ψ) Ry(θ) Rx(φ).
+
+All but the exponential and the logarithm take arrays of numbers or of symbols.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robot_dynamics.procedures import arctangent, rounded, select
+
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, ScalarArray
 
 VERTICAL_PITCH_COSINE = 1e-14
 """Cosine of pitch below which yaw is rounding."""
 
 
-def axis_rotation(axis: int, angle: Array) -> Array:
+def axis_rotation(axis: int, angle: Any) -> ScalarArray:
     """Rotations (..., 3, 3) by angles (...) about an axis of the frame, 0, 1 or 2."""
-    R = np.zeros((*np.shape(angle), 3, 3))
+    angle = np.asarray(angle)
+    R = np.zeros((*angle.shape, 3, 3), dtype=np.result_type(float, angle))
     i = (axis + 1) % 3
     j = (axis + 2) % 3
     R[..., axis, axis] = 1
@@ -26,9 +32,11 @@ def axis_rotation(axis: int, angle: Array) -> Array:
     return R
 
 
-def rotation_from_angles(angles: Array) -> Array:
+def rotation_from_angles(angles: ScalarArray) -> ScalarArray:
     """Rotations (..., 3, 3) of yaw, pitch and roll (..., 3)."""
-    R: Array = axis_rotation(2, angles[..., 0]) @ axis_rotation(1, angles[..., 1]) @ axis_rotation(0, angles[..., 2])
+    R: ScalarArray = (
+        axis_rotation(2, angles[..., 0]) @ axis_rotation(1, angles[..., 1]) @ axis_rotation(0, angles[..., 2])
+    )
     return R
 
 
@@ -52,7 +60,7 @@ def rotation_logarithm(R: Array) -> Array:
     return vector
 
 
-def angles_from_rotation(R: Array, yaw: Array | float = 0.0) -> Array:
+def angles_from_rotation(R: ScalarArray, yaw: Any = 0.0) -> ScalarArray:
     """Yaw, pitch and roll of rotations, pitch within ±90°.
 
     Parameters
@@ -65,16 +73,16 @@ def angles_from_rotation(R: Array, yaw: Array | float = 0.0) -> Array:
     -------
     ndarray, shape (..., 3)
     """
-    horizontal = np.hypot(R[..., 0, 0], R[..., 1, 0])
-    yaw = np.where(horizontal > VERTICAL_PITCH_COSINE, np.arctan2(R[..., 1, 0], R[..., 0, 0]), yaw)
+    horizontal = np.sqrt(R[..., 0, 0] * R[..., 0, 0] + R[..., 1, 0] * R[..., 1, 0])
+    yaw = select(horizontal > VERTICAL_PITCH_COSINE, arctangent(R[..., 1, 0], R[..., 0, 0]), yaw)
     sine = np.sin(yaw)
     cosine = np.cos(yaw)
-    pitch = np.arctan2(-R[..., 2, 0], cosine * R[..., 0, 0] + sine * R[..., 1, 0])
-    roll = np.arctan2(sine * R[..., 0, 2] - cosine * R[..., 1, 2], cosine * R[..., 1, 1] - sine * R[..., 0, 1])
+    pitch = arctangent(-R[..., 2, 0], cosine * R[..., 0, 0] + sine * R[..., 1, 0])
+    roll = arctangent(sine * R[..., 0, 2] - cosine * R[..., 1, 2], cosine * R[..., 1, 1] - sine * R[..., 0, 1])
     return np.stack([yaw, pitch, roll], axis=-1)
 
 
-def nearest_angles(R: Array, near: Array) -> Array:
+def nearest_angles(R: ScalarArray, near: ScalarArray) -> ScalarArray:
     """Yaw, pitch and roll of rotations, nearest to given angles.
 
     Parameters
@@ -90,7 +98,8 @@ def nearest_angles(R: Array, near: Array) -> Array:
     angles = angles_from_rotation(R, near[..., 0])
     candidates = np.stack([angles, angles * [1, -1, 1] + np.pi])
     differences = candidates - near
-    differences -= 2 * np.pi * np.round(differences / (2 * np.pi))
-    is_second = np.linalg.norm(differences[1], axis=-1) < np.linalg.norm(differences[0], axis=-1)
-    nearest: Array = near + np.where(is_second[..., None], differences[1], differences[0])
+    differences = differences - 2 * np.pi * rounded(differences / (2 * np.pi))
+    squared_distances = (differences * differences).sum(axis=-1)
+    is_second = np.asarray(squared_distances[1] < squared_distances[0])
+    nearest: ScalarArray = near + select(is_second[..., None], differences[1], differences[0])
     return nearest

@@ -17,7 +17,7 @@ joint that depends on the positions, and with yaw and pitch zero: the recursions
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -36,7 +36,7 @@ from robot_dynamics.newton_euler.friction import signs
 from robot_dynamics.newton_euler.kinematics import joint_placement
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, BoolArray
+    from robot_dynamics.array_types import Array, BoolArray, IntArray
     from robot_dynamics.model.robot import Robot
 
 STEEP_PITCH_COSINE = 0.5
@@ -127,6 +127,13 @@ def _has_drive(joint: Joint) -> bool:
 def virtual_links(robot: Robot) -> frozenset[int]:
     """Numbers of the links between the rotational joints of platforms, whose motion differs in a chart."""
     return frozenset(number + 1 for platform in robot.platforms for number in platform.joints[3:5])
+
+
+def attitudes_within(
+    attitudes: Sequence[AttitudeJoints], columns: Collection[int] | IntArray
+) -> tuple[AttitudeJoints, ...]:
+    """Those attitudes whose yaw and roll are among these columns."""
+    return tuple(attitude for attitude in attitudes if {attitude.columns[0], attitude.columns[2]} <= {*columns})
 
 
 def attach_charts(

@@ -12,50 +12,30 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_checks import require_finite
 from robot_dynamics.constraints.assembly_modes import solve_closure
 from robot_dynamics.constraints.branch_tracker import BranchTracker
+from robot_dynamics.constraints.closure_errors import is_valid, refuse_open
+from robot_dynamics.constraints.closure_procedures import ClosureProcedures
 from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.constraints.constrained_state import charted_state_at, state_at
-from robot_dynamics.constraints.mobility import NEARLY_CLOSED_RESIDUAL, find_widest_loop
-from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE, MIN_QUALITY
 from robot_dynamics.constraints.topology import build_topology
-from robot_dynamics.errors import SingularModelError
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, ArrayLike, BoolArray
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.constraints.attitude_charts import AttitudeJoints
     from robot_dynamics.constraints.branch_tracker import ClosureResult
+    from robot_dynamics.constraints.closure_procedures import ProgramSource, StepProgram
     from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.model.robot import Robot
 
 BLOCK_SIZE = 2000
 """Samples whose loops are closed together: as many as fit into a cache."""
-
-
-class StepProgram(Protocol):
-    """A compiled program of the model `closure`, with the results of NewtonStep."""
-
-    def evaluate(self, t: Array, /) -> Sequence[Array]:
-        """At one sample t (m,)."""
-
-    def batch(self, t: Array, /) -> Sequence[Array]:
-        """At samples t (N, m)."""
-
-
-class ProgramSource(Protocol):
-    """Compiles programs in the background, as CompiledModels does."""
-
-    def get_ready(self, model: str, /) -> StepProgram | None:
-        """The program of a model if it is compiled."""
-
-    def record_time(self, seconds: float, model: str, /) -> None:
-        """Record the time [s] spent without the program."""
 
 
 class ClosureSolver:
@@ -68,13 +48,15 @@ class ClosureSolver:
     ----------
     robot : Robot
     programs : ProgramSource, optional
-        Source of a compiled program for Newton's steps.
+        Source of compiled programs for Newton's steps and of compiled procedures.
 
     Attributes
     ----------
     robot : Robot
     independent, dependent : list of int
         Numbers of the independent joints, and of the joints that the loops determine.
+    procedures : ClosureProcedures
+        Closure at one sample in machine code.
     """
 
     def __init__(self, robot: Robot, programs: ProgramSource | None = None) -> None:
@@ -85,6 +67,9 @@ class ClosureSolver:
         self.independent = self._topology.independent
         self.dependent = self._topology.dependent
         self._names = [joint.name for joint in robot.joints]
+        self.procedures = ClosureProcedures(self._topology, programs)
+        self._independent_description = self._describe_joints(self.independent)  # for errors; made once
+        self._description = self._describe_joints(range(len(self._names)))
 
     @property
     def topology(self) -> ConstraintTopology:
@@ -117,16 +102,22 @@ class ClosureSolver:
         SingularModelError
             The loops do not close, or are singular.
         """
+        closed = self.procedures.attempt("close_near", q)
+        if closed is None:
+            closed = self.procedures.attempt("close_from_reference", q)
+        if closed is not None:
+            return closed
         positions, seed = self._read_positions(q)
         if not self.robot.loops:
             return self._topology.joint_positions(positions)
         batch = positions.shape[:-1]
         samples = positions.reshape(math.prod(batch), positions.shape[-1])
-        t = np.empty((len(samples), len(self._topology.non_mimic_joints)))
-        for block, result in self._solve_blocks(samples, seed):
-            self._refuse_open(result, block.start, many=name_sample and positions.ndim > 1)
-            t[block] = result.t
-        return self._topology.joint_positions(t).reshape(*batch, len(self._names))
+        joint_positions = np.empty((len(samples), len(self._names)))
+        for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            if result is not None:
+                refuse_open(self._topology, result, numbers, many=name_sample and positions.ndim > 1)
+            joint_positions[numbers] = block_positions
+        return joint_positions.reshape(*batch, len(self._names))
 
     def try_close_loops(self, q: ArrayLike) -> tuple[Array, BoolArray]:
         """Positions of all joints, and the samples at which the loops close.
@@ -144,12 +135,13 @@ class ClosureSolver:
         positions, seed = self._read_positions(q)
         batch = positions.shape[:-1]
         samples = positions.reshape(-1, positions.shape[-1])
-        t = np.empty((len(samples), len(self._topology.non_mimic_joints)))
-        is_closed = np.empty(len(samples), dtype=bool)
-        for block, result in self._solve_blocks(samples, seed):
-            t[block] = result.t
-            is_closed[block] = _is_valid(result)
-        return self._topology.joint_positions(t).reshape(*batch, len(self._names)), is_closed.reshape(batch)
+        joint_positions = np.empty((len(samples), len(self._names)))
+        is_closed = np.ones(len(samples), dtype=bool)
+        for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            joint_positions[numbers] = block_positions
+            if result is not None:
+                is_closed[numbers] = is_valid(result)
+        return joint_positions.reshape(*batch, len(self._names)), is_closed.reshape(batch)
 
     def close_trajectory(self, q: ArrayLike) -> Array:
         """Positions (N, all joints) along a trajectory q (N, n) or (N, all joints).
@@ -160,17 +152,16 @@ class ClosureSolver:
         positions, seed = self._read_positions(q)
         if positions.ndim != 2 or not self.robot.loops:
             return self.close_loops(positions)
-        samples = [np.zeros((0, len(self._topology.non_mimic_joints)))]
-        with self._ready_tracker() as tracker:
-            for number in range(len(positions)):
-                if number == 0:
-                    result = solve_closure(tracker, positions[:1], None if seed is None else seed[:1])
-                else:
-                    previous = samples[-2] if number > 1 else None
-                    result = tracker.follow_path(samples[-1], positions[number, None], previous_positions=previous)
-                self._refuse_open(result, number, many=True)
-                samples.append(result.t)
-        return self._topology.joint_positions(np.concatenate(samples))
+        joint_positions = np.empty((len(positions), len(self._names)))
+        methods = (None, "continue_along_tangent", "continue_sequence")
+        for number, sample in enumerate(np.ascontiguousarray(positions)):
+            last = joint_positions[max(0, number - 2) : number]
+            method = methods[len(last)]
+            closed = None if method is None else self.procedures.attempt(method, sample, *last[::-1])
+            if closed is None:
+                closed = self._follow(last, sample, number, None if seed is None else seed[:1])
+            joint_positions[number] = closed
+        return joint_positions
 
     def continue_branch(self, q: ArrayLike, previous: ArrayLike, velocities: ArrayLike | None = None) -> Array:
         """Positions of all joints on the branch of previous positions.
@@ -194,8 +185,15 @@ class ClosureSolver:
         SingularModelError
             The loops do not close, are singular, or the branch bends.
         """
-        positions = require_finite("positions", q, len(self.independent), self._describe_joints(self.independent))
-        all_joints = len(self._names), self._describe_joints(range(len(self._names)))
+        closed = (
+            self.procedures.attempt("continue_along_tangent", q, previous)
+            if velocities is None
+            else self.procedures.attempt("continue_with_velocities", q, previous, velocities)
+        )
+        if closed is not None:
+            return closed
+        positions = require_finite("positions", q, len(self.independent), self._independent_description)
+        all_joints = len(self._names), self._description
         start = require_finite("previous", previous, *all_joints)
         rates = start[..., :0] if velocities is None else require_finite("velocities", velocities, *all_joints)
         if not self.robot.loops:
@@ -207,7 +205,7 @@ class ClosureSolver:
         ]
         with self._ready_tracker() as tracker:
             result = tracker.continue_branch(*samples)
-            self._refuse_open(result, many=bool(batch))
+            refuse_open(self._topology, result, range(len(samples[0])), many=bool(batch))
         return self._topology.joint_positions(result.t).reshape(*batch, len(self._names))
 
     def state_at(self, q: ArrayLike, name_sample: bool = True, use_charts: bool = True) -> ConstrainedState:
@@ -224,7 +222,7 @@ class ClosureSolver:
 
     def _read_positions(self, q: ArrayLike) -> tuple[Array, Array | None]:
         """Positions (..., n) of the independent joints, and the seed (..., dependent), None without a seed."""
-        joints = self._describe_joints(self.independent)
+        joints = self._independent_description
         if self.robot.loops:
             try:
                 all_positions = np.array(q, dtype=float)
@@ -240,20 +238,49 @@ class ClosureSolver:
         seed = q[..., self.dependent]
         is_unknown = np.isnan(seed)
         q[..., self.dependent] = np.where(is_unknown, 0.0, seed)
-        q = require_finite("positions", q, len(self._names), self._describe_joints(range(len(self._names))))
+        q = require_finite("positions", q, len(self._names), self._description)
         return q[..., self.independent], None if is_unknown.all() else seed
 
     def _describe_joints(self, numbers: Sequence[int]) -> str:
         return f"joints ({', '.join(self._names[number] for number in numbers)})"
 
-    def _solve_blocks(self, samples: Array, seed: Array | None) -> Iterator[tuple[slice, ClosureResult]]:
-        """Solve samples (N, n) block by block, with a seed (..., dependent) or None."""
+    def _solve_blocks(
+        self, samples: Array, seed: Array | None
+    ) -> Iterator[tuple[IntArray, Array, ClosureResult | None]]:
+        """Solve samples (N, n) block by block, with a seed (..., dependent) or None.
+
+        Yields numbers (k,) of samples and their positions (k, all joints), with a ClosureResult for those which the
+        procedures leave open.
+        """
         seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         for first in range(0, len(samples), BLOCK_SIZE):
-            block = slice(first, first + BLOCK_SIZE)
+            numbers = np.arange(first, min(first + BLOCK_SIZE, len(samples)))
+            closed = self.procedures.close_batch(samples[numbers], None if seeds is None else seeds[numbers])
+            if closed is not None:
+                positions, is_closed = closed
+                yield numbers[is_closed], positions[is_closed], None
+                numbers = numbers[~is_closed]
+            if not len(numbers):
+                continue
             with self._ready_tracker() as tracker:  # ends before the yield: the caller keeps its NumPy error state
-                result = solve_closure(tracker, samples[block], None if seeds is None else seeds[block])
-            yield block, result
+                result = solve_closure(tracker, samples[numbers], None if seeds is None else seeds[numbers])
+            yield numbers, self._topology.joint_positions(result.t), result
+
+    def _follow(self, last: Array, sample: Array, number: int, seed: Array | None) -> Array:
+        """Positions (all joints,) of a sample (n,) of a trajectory, from the last ones (0 to 2, all joints).
+
+        seed: (1, dependent) of the first sample, or None.
+        """
+        before = last[:, self._topology.non_mimic_joints]
+        with self._ready_tracker() as tracker:
+            if number == 0:
+                result = solve_closure(tracker, sample[None], seed)
+            else:
+                previous = before[:1] if len(before) == 2 else None
+                result = tracker.follow_path(before[-1:], sample[None], previous_positions=previous)
+        refuse_open(self._topology, result, [number], many=True)
+        positions: Array = self._topology.joint_positions(result.t)[0]
+        return positions
 
     @contextmanager
     def _ready_tracker(self) -> Iterator[BranchTracker]:
@@ -267,44 +294,6 @@ class ClosureSolver:
                 yield BranchTracker(self._topology, partial(_evaluate_program, program))
         if program is None and self._programs is not None:
             self._programs.record_time(time.perf_counter() - started, "closure")
-
-    def _refuse_open(self, result: ClosureResult, first: int = 0, many: bool = False) -> None:
-        """Raise SingularModelError for the first sample whose loops are open or singular.
-
-        first: number of the first sample in messages; many: whether they name the sample.
-        """
-        is_valid = _is_valid(result)
-        if is_valid.all():
-            return
-        sample = int(np.argmin(is_valid))
-        residual = float(np.abs(result.residual[sample]).max())
-        location = f" at sample {first + sample}" if many else ""
-        with np.errstate(all="ignore"):
-            condition = f"(condition number {self._topology.condition_number(result.t[sample]):.3g})"
-            name, distance, angle = find_widest_loop(self.robot, result.residual[sample])
-        if not residual <= CLOSURE_TOLERANCE:
-            hint = ". These positions are out of reach, or need a seed of all joints nearer to where it closes"
-            if residual < NEARLY_CLOSED_RESIDUAL:
-                hint = "; if it is meant to close there, its axes or lengths are not exact"
-            raise SingularModelError(
-                f"loop {name!r} does not close{location}: its ends stay {distance:.3g} m and {angle:.3g} rad apart "
-                f"{condition}{hint}"
-            )
-        if not result.quality[sample] > MIN_QUALITY:
-            dependent = ", ".join(self._names[number] for number in self.dependent)
-            raise SingularModelError(
-                f"loop {name!r} is singular{location}: it closes (residual {residual:.2g}), but does not determine "
-                f"{dependent} {condition}"
-            )
-        raise SingularModelError(
-            f"the loops close{location} in another assembly mode than at the initial positions {condition}: a singular "
-            "position lies between, or nearly. Give the positions of all joints, near the intended ones"
-        )
-
-
-def _is_valid(result: ClosureResult) -> BoolArray:
-    """(N,) whether the loops are closed, regular, and in the assembly mode that was sought."""
-    return result.is_closed & (result.quality > MIN_QUALITY) & ~result.has_crossed_singularity
 
 
 def _evaluate_program(program: StepProgram, t: Array) -> Sequence[Array]:

@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
 
 
+RANK_TOLERANCE = 1e-6
+"""Singular value of J, as a part of the largest one, below which it counts as zero."""
+AXES_HINT = (
+    "the axis of the joint at which a loop is cut is z of both its frames and points the same way: turn them by rpy"
+)
+
+
 class LoopEquations(NamedTuple):
     """Loop equations of a robot.
 
@@ -44,6 +51,19 @@ class LoopEquations(NamedTuple):
     residual: ScalarArray
     jacobian: ScalarArray
     drift: ScalarArray
+
+
+class _JointChain(NamedTuple):
+    """Successive joints from the link where two chains part.
+
+    R (..., 3, 3) and P (..., 3) of the last frame; axes: of each joint by number, its axis and a point on it, (..., 3)
+    each; motion: its angular motion, and its acceleration (..., 3) without joint accelerations.
+    """
+
+    R: ScalarArray
+    P: ScalarArray
+    axes: dict[int, tuple[ScalarArray, ScalarArray]]
+    motion: tuple[ScalarArray, ScalarArray, ScalarArray]
 
 
 class _Chain(NamedTuple):
@@ -79,10 +99,18 @@ def loop_equations(robot: Robot, q: ScalarArray, qd: ScalarArray | None = None) 
     residuals: list[ScalarArray] = []
     jacobians: list[ScalarArray] = []
     drifts: list[ScalarArray] = []
+    chains: dict[tuple[int, ...], _JointChain] = {}  # legs of one platform share that of the platform
+
+    def chain(numbers: set[int], end: LoopEnd) -> _Chain:
+        key = tuple(sorted(numbers))
+        if key not in chains:
+            chains[key] = _joint_chain(robot, key, q, qd)
+        return _chain(robot, chains[key], end, has_velocities=qd is not None)
+
     for loop in robot.loops:
         moved_path, closed_on_path = (set(robot.path_to_base(end.link)) for end in loop.ends)
-        moved = _chain(robot, sorted(moved_path - closed_on_path), loop.moved, q, qd)
-        closed_on = _chain(robot, sorted(closed_on_path - moved_path), loop.closed_on, q, qd)
+        moved = chain(moved_path - closed_on_path, loop.moved)
+        closed_on = chain(closed_on_path - moved_path, loop.closed_on)
         rows = 3 if loop.is_spherical else 6
         scale = np.array([1 / length] * 3 + [1] * 3)[:rows]
         residuals.append(_residual(moved, closed_on, loop.is_spherical) * scale)
@@ -127,11 +155,11 @@ def loop_wrenches(robot: Robot, q: Array, multipliers: Array) -> Iterator[tuple[
             yield end.link, wrench_to_antecedent(np.eye(3), end.placement[:3, 3], rotated)
 
 
-def _chain(robot: Robot, numbers: Sequence[int], end: LoopEnd, q: ScalarArray, qd: ScalarArray | None) -> _Chain:
-    """The _Chain of joints `numbers`, from the link where the chains part to the end."""
+def _joint_chain(robot: Robot, numbers: Sequence[int], q: ScalarArray, qd: ScalarArray | None) -> _JointChain:
+    """The _JointChain of joints `numbers`."""
     R: ScalarArray = np.eye(3, dtype=int)
     P: ScalarArray = np.zeros(3, dtype=int)
-    axes: dict[int, tuple[ScalarArray, ScalarArray]] = {}  # of each joint: its axis and a point on it
+    axes: dict[int, tuple[ScalarArray, ScalarArray]] = {}
     omega: ScalarArray = np.zeros(3, dtype=int)
     angular_acceleration: ScalarArray = omega
     acceleration: ScalarArray = omega
@@ -151,15 +179,21 @@ def _chain(robot: Robot, numbers: Sequence[int], end: LoopEnd, q: ScalarArray, q
             else:
                 angular_acceleration = angular_acceleration + cross(omega, z * rate)
                 omega = omega + z * rate
-    offset = apply(R, end.placement[:3, 3])
-    P = P + offset
-    if qd is not None:
+    return _JointChain(R, P, axes, (omega, angular_acceleration, acceleration))
+
+
+def _chain(robot: Robot, chain: _JointChain, end: LoopEnd, has_velocities: bool) -> _Chain:
+    """The _Chain of a _JointChain to an end."""
+    omega, angular_acceleration, acceleration = chain.motion
+    offset = apply(chain.R, end.placement[:3, 3])
+    P = chain.P + offset
+    if has_velocities:
         acceleration = acceleration + angular_motion(omega, angular_acceleration).times(offset)
     columns = {
         number: screw(z, np.zeros_like(z)) if robot.joints[number].prismatic else screw(cross(z, P - point), z)
-        for number, (z, point) in axes.items()
+        for number, (z, point) in chain.axes.items()
     }
-    return _Chain(R @ end.placement[:3, :3], P, columns, screw(acceleration, angular_acceleration))
+    return _Chain(chain.R @ end.placement[:3, :3], P, columns, screw(acceleration, angular_acceleration))
 
 
 def _residual(moved: _Chain, closed_on: _Chain, is_spherical: bool) -> ScalarArray:
@@ -177,6 +211,7 @@ def _residual(moved: _Chain, closed_on: _Chain, is_spherical: bool) -> ScalarArr
 def _jacobian(moved: _Chain, closed_on: _Chain, joints: int) -> ScalarArray:
     """J (..., 6, joints): of the twist of frame k relative to frame k+B."""
     columns = {**moved.columns, **{number: -column for number, column in closed_on.columns.items()}}
-    zero = 0 * next(iter(columns.values()))
-    entries = np.broadcast_arrays(*(columns.get(number, zero) for number in range(joints)))
-    return np.stack(entries, axis=-1)
+    entries = np.stack(np.broadcast_arrays(*columns.values()), axis=-1)
+    J = np.zeros((*entries.shape[:-1], joints), dtype=entries.dtype)
+    J[..., list(columns)] = entries
+    return J

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.constraints.loop_equations import loop_equations
-from robot_dynamics.constraints.mobility import RANK_TOLERANCE
+from robot_dynamics.constraints.loop_equations import RANK_TOLERANCE, loop_equations
 from robot_dynamics.constraints.newton_iteration import CLOSURE_TOLERANCE
 from robot_dynamics.constraints.topology import build_topology
 

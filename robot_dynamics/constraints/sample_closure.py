@@ -33,7 +33,17 @@ from robot_dynamics.constraints.newton_iteration import (
     SHORT_STRIDE,
     iterate_sample,
 )
-from robot_dynamics.procedures import is_finite, largest, magnitude, procedure, rounded, select, zeros
+from robot_dynamics.procedures import (
+    as_array,
+    exchange_rows,
+    find_pivot,
+    is_finite,
+    largest,
+    magnitude,
+    procedure,
+    rounded,
+    select,
+)
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -87,42 +97,56 @@ class SampleClosure:
         The path leads straight from the reference positions to q without whole turns, as `_remove_turns` takes them.
         """
         target = self._without_turns(q)
-        t, is_regular = self._follow_path(target, MAX_STRIDE)
+        t, is_regular = self._follow_from_reference(target, MAX_STRIDE)
         if not is_regular:
-            t, is_regular = self._follow_path(target, SHORT_STRIDE)
+            t, is_regular = self._follow_from_reference(target, SHORT_STRIDE)
         return ClosedSample(self._with_independent(t, q), select(is_finite(q) & is_regular, 0.0, 1.0))
 
     @procedure
-    def _follow_path(self, target: Sample, max_stride: float) -> Any:
-        """Positions (m,) at the end of the straight path from the reference positions, and whether they are valid."""
-        columns = self._independent
+    def _follow_from_reference(self, target: Sample, max_stride: float) -> Any:
+        """Positions (m,) at the end of the path from the reference positions, and whether they are valid."""
         reference = self._topology.reference_positions
-        way = target - reference[columns]
-        length = largest(magnitude(way) / self._topology.column_units[columns])
+        direction = self._tangent @ (target - reference[self._independent])
+        t, evaluation, is_regular = self._follow_path(reference, direction, target, max_stride)
+        if is_regular:
+            is_regular = determinant_is_positive(evaluation.determinant_matrix)
+        return t, is_regular
+
+    @procedure
+    def _follow_path(
+        self, start: Sample, direction: Sample, target: Sample, max_stride: float, accepts_bends: bool = False
+    ) -> Any:
+        """The end (m,) of the straight path from `start` (m,) to `target` (n,), as BranchTracker.follow_path.
+
+        direction: (m,) displacement from the start to about the end. Also returns the NewtonStep at the end, and
+        whether the loops close there and on the path, and no stride has a bend that is not accepted.
+        """
+        begin = start[self._independent]
+        displacement = target - begin
+        length = largest(magnitude(displacement) / self._topology.column_units[self._independent])
         strides = 1.0
         while (strides * max_stride < length) and (strides <= MAX_SAMPLE_STRIDES):
             strides = strides + 1.0
-        before, is_regular = self._displaced(reference, -(self._tangent @ way) / strides)
+        before, is_regular = self._displaced(start, -direction / strides)
         is_regular = is_regular & (strides <= MAX_SAMPLE_STRIDES)
-        t = reference
+        t = as_array(start)
         number = select(is_regular, 1.0, strides)
         while number < strides:
             predicted, is_near = self._extrapolated(before, t)
-            predicted = self._with_independent(predicted, reference[columns] + number / strides * way)
+            predicted = self._with_independent(predicted, begin + number / strides * displacement)
             before = t
             t, evaluation = self._iterate(predicted, MAX_STRIDE_ITERATIONS, STRIDE_TOLERANCE)
             is_on_path = largest(magnitude(evaluation.residual)) <= BLOCKED_RESIDUAL
-            is_regular = is_regular & is_near & is_on_path & self._is_straight(before, predicted, t)
+            is_regular = is_regular & is_near & is_on_path
+            is_regular = is_regular & (self._is_straight(before, predicted, t) | accepts_bends)
             number = select(is_regular, number + 1.0, strides)
-        if is_regular:
-            predicted, is_near = self._extrapolated(before, t)
-            predicted = self._with_independent(predicted, target)
-            start = t
-            t, evaluation = self._iterate(predicted, MAX_ITERATIONS, NEWTON_TOLERANCE)
-            is_regular = is_near & self._is_straight(start, predicted, t) & self._is_closed(evaluation)
-            if is_regular:
-                is_regular = determinant_is_positive(evaluation.determinant_matrix)
-        return t, is_regular
+        predicted, is_near = self._extrapolated(before, t)
+        predicted = self._with_independent(predicted, target)
+        before = t
+        t, evaluation = self._iterate(predicted, select(is_regular, MAX_ITERATIONS, 0), NEWTON_TOLERANCE)
+        is_regular = is_regular & is_near & self._is_closed(evaluation)
+        is_regular = is_regular & (self._is_straight(before, predicted, t) | accepts_bends)
+        return t, evaluation, is_regular
 
     @procedure
     def joint_positions(self, t: Sample) -> Any:
@@ -239,24 +263,15 @@ class SampleClosure:
 @procedure
 def determinant_is_positive(matrix: Sample) -> Any:
     """Whether the determinant of a matrix (k, k) is positive, by elimination with row pivots."""
-    size = len(matrix)
-    rows = zeros(size, size)
-    for i in range(size):
-        for j in range(size):
-            rows[i, j] = matrix[i, j]
+    rows = as_array(matrix)
+    size = len(rows)
     is_positive: Any = True
     is_regular: Any = True
     for k in range(size):
-        pivot = k
-        for i in range(k + 1, size):
-            if magnitude(rows[i, k]) > magnitude(rows[pivot, k]):
-                pivot = i
+        pivot = find_pivot(rows, k)
         if pivot != k:
             is_positive = not is_positive
-            for j in range(size):
-                exchanged = rows[k, j]
-                rows[k, j] = rows[pivot, j]
-                rows[pivot, j] = exchanged
+            exchange_rows(rows, k, pivot)
         if rows[k, k] < 0:
             is_positive = not is_positive
         is_regular = is_regular & (magnitude(rows[k, k]) > 0)

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from robot_dynamics.constraints.attitude_charts import attach_charts, find_attitude_joints
+from robot_dynamics.constraints.closure_search import find_closed_positions
 from robot_dynamics.constraints.least_squares import partition
 from robot_dynamics.constraints.loop_equations import equations_per_loop, loop_equations
 from robot_dynamics.constraints.mobility import find_dependent_columns
@@ -233,7 +234,9 @@ def build_topology(robot: Robot) -> ConstraintTopology:
         initial = np.array([robot.joints[number].initial_position for number in non_mimic_joints])
         return ConstraintTopology(robot, S, offset, non_mimic_joints, columns, np.zeros(0, dtype=int), initial)
     with np.errstate(all="ignore"):  # loops that are half a turn open give nan, and are refused
-        dependent, reference_positions = find_dependent_columns(robot, S, offset, non_mimic_joints)
+        dependent, reference_positions = find_dependent_columns(
+            robot, S, offset, non_mimic_joints, find_closed_positions
+        )
     return ConstraintTopology(
         robot,
         S,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
 from robot_dynamics.control.modes import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
-from robot_dynamics.control.reference import ReferencePoint, Trajectory, check_points
+from robot_dynamics.control.reference import ReferencePoint, ScheduledTrajectory, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 
@@ -103,9 +104,10 @@ class Controller:
         self._transfer = BumplessTransfer(joint_count, settings.ramp_time, settings.limits)
         self._desired_efforts = np.zeros(joint_count)
         self._zero_efforts = np.zeros(joint_count)
-        self._source: Trajectory | ReferencePoint | None = None
+        self._source: ScheduledTrajectory | ReferencePoint | None = None
         self._source_time = -math.inf  # [s] at which the reference came
         self._missing_reason = "no reference yet"
+        self._last_fault = (-math.inf, -math.inf)  # [s] beginning, and last efforts that went to zero
         self._active_regime: str | None = None  # what the efforts follow, without a transition
 
     def apply(self, settings: Settings) -> None:
@@ -142,6 +144,7 @@ class Controller:
         self.watchdog.clear_latch()
         self.watchdog.restart()
         self._transfer.last_efforts[:] = 0.0
+        self._last_fault = (-math.inf, -math.inf)
         self._source = None
         self._missing_reason = "no reference yet"
         self._active_regime = None
@@ -188,22 +191,70 @@ class Controller:
         Where the trajectory starts later than now, it is reached from the present reference, or from the position of
         the robot.
         """
+        self.follow(now, start, self.prepare_trajectory(times, points))
+
+    def prepare_trajectory(
+        self, times: ArrayLike, points: Array, yield_thread: Callable[[], None] = lambda: None
+    ) -> Trajectory | None:
+        """Return a trajectory for `follow`, None without points. Another thread may call it.
+
+        Parameters
+        ----------
+        times, points : array_like, ndarray
+            As in `follow_trajectory`.
+        yield_thread : callable
+            As in `Trajectory`.
+
+        Raises
+        ------
+        InvalidInputError
+            The trajectory cannot be followed at any time.
+        """
         times = np.asarray(times, dtype=np.float64)
         if len(times) == 0:
+            return None
+        check_points(times, *points[:2])
+        self.law.check_within_limits(points[0])
+        positions, velocities, accelerations = points
+        return Trajectory(times, positions, velocities, accelerations, yield_thread)
+
+    def follow(self, now: float, start: float, trajectory: Trajectory | None, received: float | None = None) -> None:
+        """Follow a prepared trajectory from now on, as `follow_trajectory`.
+
+        Parameters
+        ----------
+        now, start : float
+            The present time, and that at which the trajectory starts [s].
+        trajectory : Trajectory or None
+            From `prepare_trajectory` for the same joints.
+        received : float, optional
+            Time at which it was received, before it was prepared [s]; by default now.
+
+        Raises
+        ------
+        InvalidInputError
+            The trajectory is over, the present position is unknown, or a fault since it was received was longer than
+            `ramp_time`. The reference before it remains.
+        """
+        if trajectory is None:
             self._source = None
             self._missing_reason = "the reference was ended"
             return
-        check_points(times, *points[:2])  # before a point is prepended
-        self.law.check_within_limits(points[0])
-        times = times + start
-        if times[-1] < now:
+        end = start + trajectory.end
+        if end < now:
             raise InvalidInputError(
-                f"the trajectory ended {now - times[-1]:.3f} s ago: header.stamp is when it starts, zero for now"
+                f"the trajectory ended {now - end:.3f} s ago: header.stamp is when it starts, zero for now"
             )
-        if times[0] > now:
-            times = np.concatenate([[now], times])
-            points = np.concatenate([self._present_point(now, points[:, 0])[:, None], points], axis=1)
-        self._set_source(now, Trajectory(times, *points))
+        began, ended = self._last_fault
+        if received is not None and ended - max(began, received) > self.settings.ramp_time:
+            raise InvalidInputError("efforts went to zero while the trajectory was read: send it again")
+        if received is not None and received > now:
+            raise InvalidInputError("the clock jumped back while the trajectory was read: send it again")
+        first, lead = start + trajectory.start, None
+        if first > now:
+            present = self._present_point(now, trajectory.first_point)
+            lead = Trajectory.between(np.array([now, first]), np.stack([present, trajectory.first_point], axis=1))
+        self._set_source(now, ScheduledTrajectory(trajectory, start, lead))
 
     def _present_point(self, now: float, first_point: Array) -> Array:
         """Point (3, joints) of the present reference, or of the robot, with the derivatives of the first point."""
@@ -242,7 +293,7 @@ class Controller:
         self.law.check_within_limits(np.asarray(values)[:1])
         self._set_source(now, ReferencePoint(time, values, lifetime))
 
-    def _set_source(self, now: float, source: Trajectory | ReferencePoint) -> None:
+    def _set_source(self, now: float, source: ScheduledTrajectory | ReferencePoint) -> None:
         self._source = source
         self._source_time = now
         self.watchdog.clear_latch()
@@ -367,6 +418,7 @@ class Controller:
         since = self.watchdog.faulted_since
         assert since is not None  # there is a fault
         self._enter_regime("fault", since)
+        self._last_fault = since, now
         if since < self._source_time <= now:  # the reference came during the fault
             since = self._source_time
         if self._source is not None and now - since > self.settings.ramp_time:

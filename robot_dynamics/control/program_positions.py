@@ -30,6 +30,8 @@ class ProgramPositions:
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics = dynamics
         self._has_loops = bool(dynamics.robot.loops)
+        if self._has_loops:
+            dynamics.compile("closure")  # now: later it would be compiled while efforts are due
         numbers = {name: number for number, name in enumerate(dynamics.all_joint_names)}
         self._independent = [numbers[name] for name in dynamics.joint_names]
         self._dependent = [numbers[name] for name in dynamics.dependent_joint_names]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from array import array
 from bisect import bisect_right
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
 ORDERS: tuple[Literal[1, 2, 3], ...] = (1, 2, 3)
 """Number of derivatives (position, velocity, acceleration) at both ends of a segment: linear, cubic, quintic."""
+BLOCK = 500
+"""Number of segments whose coefficients are computed at once: less than a millisecond."""
 REST_VELOCITY = 1e-6
 """Velocity [rad/s or m/s] that counts as rest at the end of a trajectory."""
 
@@ -43,6 +46,14 @@ class Trajectory:
         [rad or m]
     velocities, accelerations : array_like, shape (N, n), optional
         [rad/s or m/s; rad/s² or m/s²]; rows of nan where a point does not specify them.
+    yield_thread : callable
+        Is called between parts of the work, which each take a millisecond or less: a thread that must not keep others
+        waiting pauses in it.
+
+    Attributes
+    ----------
+    first_point : ndarray, shape (3, n)
+        Positions, velocities and accelerations of the first point; nan where it does not specify them.
 
     Raises
     ------
@@ -56,6 +67,7 @@ class Trajectory:
         positions: ArrayLike,
         velocities: ArrayLike | None = None,
         accelerations: ArrayLike | None = None,
+        yield_thread: Callable[[], None] = lambda: None,
     ) -> None:
         times = np.array(times, dtype=np.float64)
         positions = np.array(positions, dtype=np.float64)
@@ -63,14 +75,40 @@ class Trajectory:
         velocities = unspecified if velocities is None else np.array(velocities, dtype=np.float64)
         accelerations = unspecified if accelerations is None else np.array(accelerations, dtype=np.float64)
         check_points(times, positions, velocities)
+        self._build(times, np.stack([positions, velocities, accelerations]), yield_thread)
+
+    @classmethod
+    def between(cls, times: Array, points: Array) -> Trajectory:
+        """Return the segment between two points, which may move at its end.
+
+        Parameters
+        ----------
+        times : ndarray, shape (2,)
+            [s]
+        points : ndarray, shape (3, 2, n)
+            Positions, velocities and accelerations.
+        """
+        segment = cls.__new__(cls)
+        segment._build(times, points, lambda: None)
+        return segment
+
+    def _build(self, times: Array, points: Array, yield_thread: Callable[[], None]) -> None:
+        positions, velocities, accelerations = points
+        self.first_point = points[:, 0].copy()
         orders = 1 + np.isfinite(velocities).all(axis=1)
         orders = np.where((orders == 2) & np.isfinite(accelerations).all(axis=1), 3, orders)
-        points = np.stack([positions, np.nan_to_num(velocities), np.nan_to_num(accelerations)], axis=1)
         segment_orders = np.minimum(orders[:-1], orders[1:])
-        self._coefficients = _segment_coefficients(np.diff(times), points, segment_orders)
+        durations = np.diff(times)
+        self._coefficients = np.empty((len(durations), 6, positions.shape[1]))
+        for start in range(0, len(durations), BLOCK):
+            if start:
+                yield_thread()
+            block = slice(start, start + BLOCK)
+            ends = np.nan_to_num(points[:, start : start + BLOCK + 1]).transpose(1, 0, 2)
+            self._coefficients[block] = _segment_coefficients(durations[block], ends, segment_orders[block])
         self._times: list[float] = times.tolist()
-        self._first = positions[0]
-        self._last = positions[-1]
+        self._first = positions[0].copy()  # a view would keep all points
+        self._last = positions[-1].copy()
         self._segment = 0
         self._powers = array("d", [1.0, *[0.0] * 17])
         self._powers[7] = 1.0
@@ -112,6 +150,35 @@ class Trajectory:
         powers[8], powers[9], powers[10], powers[11] = 2 * s, 3 * s2, 4 * s3, 5 * s4
         powers[15], powers[16], powers[17] = 6 * s, 12 * s2, 20 * s3
         np.dot(self._power_matrix, self._coefficients[segment], out=out)
+
+
+class ScheduledTrajectory:
+    """A trajectory from a time on, which is reached by a segment from another point if that time is later.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Its times count from the start.
+    start : float
+        Time of the start [s].
+    lead : Trajectory, optional
+        The segment to its first point.
+    """
+
+    def __init__(self, trajectory: Trajectory, start: float, lead: Trajectory | None = None) -> None:
+        self._trajectory = trajectory
+        self._start = start
+        self._lead = lead
+
+    def sample(self, time: float, out: Array) -> None:
+        """Write the reference at a time [s] into an array (3, n)."""
+        if self._lead is not None and time < self._lead.end:
+            self._lead.sample(time, out)
+            return
+        time -= self._start
+        if self._lead is not None:
+            time = max(time, self._trajectory.start)  # may be rounded to before its first point
+        self._trajectory.sample(time, out)
 
 
 class ReferencePoint:

@@ -40,6 +40,7 @@ class Watchdog:
         self._last_state_time: float | None = None
         self._now: float | None = None
         self._rejection_reason = "no joint_states yet"
+        self._rejected_at: float | None = None  # [s], of a state; None where there was none
         self._stall_reason = ""
         self._misses = 0
         self.faulted_since: float | None = None
@@ -68,8 +69,9 @@ class Watchdog:
         self._rejection_reason = ""
 
     def reject_state(self, reason: str) -> None:
-        """Record a state that cannot be used."""
+        """Record a state that cannot be used, at the time of `check_clock`."""
         self._rejection_reason = reason
+        self._rejected_at = self._now
 
     def record_latency(self, latency: float) -> None:
         """Record the time [s] from a state to its efforts."""
@@ -92,6 +94,7 @@ class Watchdog:
             )
             self._last_state_time = None
             self._rejection_reason = "no joint_states since the clock jumped back"
+            self._rejected_at = None
             self.faulted_since = None
         elif now - previous > self.timeout:
             self.stall_count += 1
@@ -117,11 +120,16 @@ class Watchdog:
         return now if self._last_state_time is None else min(now, self._last_state_time + self.timeout)
 
     def _reason(self, now: float) -> str:
-        reason = self._block_reason or self._latched_reason or self._stall_reason or self._rejection_reason
+        reason = self._block_reason or self._latched_reason or self._stall_reason
         if reason:
             return reason
+        silence = f"no joint_states for more than {self.timeout * 1e3:g} ms"
+        if self._rejection_reason:
+            if self._rejected_at is not None and now - self._rejected_at > self.timeout:
+                return f"{silence}; the last ones could not be used: {self._rejection_reason}"
+            return self._rejection_reason
         if self._last_state_time is not None and now - self._last_state_time > self.timeout:
-            return f"no joint_states for more than {self.timeout * 1e3:g} ms"
+            return silence
         if self._misses >= self.max_misses:
             return f"the efforts for the last {self.max_misses} states were later than {self.deadline * 1e3:g} ms"
         return ""

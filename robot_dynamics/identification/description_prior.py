@@ -1,9 +1,10 @@
 """What the description tells of the parameters before anything is measured, and how far it may be wrong.
 
 Each parameter is expected at the value of the description, with a standard deviation of 100 % of the scale of its link:
-the mass of the link, this mass times a length, or times its square. For frictions, rotor inertias and offsets the
-standard deviation is what explains all the measured effort of a joint at 1 rad/s or m/s, and at 10 rad/s² or m/s². A
-fit takes from the data what the data show better than this.
+the mass of the link, this mass times a length, or times its square. Where the description has a larger inertia, as some
+tables have to fill a gap, its own size is the scale: it may be as wrong as it is large. For frictions, rotor inertias
+and offsets the standard deviation is what explains all the measured effort of a joint at 1 rad/s or m/s, and at 10
+rad/s² or m/s². A fit takes from the data what the data show better than this.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.robot import Robot
 
 MIN_MASS = 0.05  # [kg] scale of links without mass in the description
@@ -79,13 +81,23 @@ def build_description_prior(model: IdentificationModel, efforts: Array) -> Descr
     return DescriptionPrior(values, deviations[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0)))
 
 
+def _largest_central_moment(inertia: Inertia) -> float:
+    """Largest moment of inertia about an axis of the frame through the centre of mass [kg m²]."""
+    moments = np.diagonal(inertia.second_moments)
+    if inertia.mass > 0:
+        S = inertia.first_moments
+        moments = moments - (S @ S - S**2) / inertia.mass
+    return float(np.abs(moments).max())
+
+
 def parameter_scales(robot: Robot) -> Array:
     """Return the scale (p,) of each parameter of Dynamics.parameter_names; 1 for those of joints."""
     scales: list[float] = []
     for index, link in enumerate(robot.links):
         mass = max(abs(link.inertia.mass), MIN_MASS)
         if index > 0 or robot.moving_base:
-            scales += [mass * CHARACTERISTIC_LENGTH**2] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
+            inertia = max(mass * CHARACTERISTIC_LENGTH**2, _largest_central_moment(link.inertia))
+            scales += [inertia] * 6 + [mass * CHARACTERISTIC_LENGTH] * 3 + [mass]
         if index > 0:
             scales += [1.0] * len(JOINT_PARAMETERS)
     scales += [1.0] * len(further_friction_parameters(robot))

@@ -70,12 +70,28 @@ class RegressionRows:
     y: Array
     effective_samples: float
 
+    def within(self, start: float, stop: float) -> RegressionRows:
+        """The rows at times [s] from start on, before stop."""
+        first, last = np.searchsorted(self.times, [start, stop])
+        rows = slice(int(first), int(last))
+        return RegressionRows(
+            self.times[rows],
+            self.q[rows],
+            self.qd[rows],
+            self.moving[rows],
+            self.X[rows],
+            self.y[rows],
+            self.effective_samples,
+        )
+
 
 class Excerpt:
     """The regression rows of a time range of one recording.
 
     Iteration computes the rows, and keeps them for the next iteration if they need less than cache_bytes. In another
-    process they are computed again. notes: sentences on samples that were left out, complete after an iteration.
+    process they are computed again. notes: sentences on damage of the files; statistics: counts of samples that were
+    left out; both are complete after an iteration. Of a part of a recording, rows and samples of its context are left
+    out.
     """
 
     def __init__(self, recording: Recording, model: EffortModel, settings: ExcerptSettings, cache_bytes: int) -> None:
@@ -83,7 +99,8 @@ class Excerpt:
         self.model = model.for_recording(recording)
         self.settings = settings
         self.cache_bytes = cache_bytes
-        self.notes: list[str] = []
+        self.notes: tuple[str, ...] = ()
+        self.statistics = SampleStatistics()
         self._cached_rows: list[RegressionRows] | None = None
         self._cached_duration: float | None = None
 
@@ -97,7 +114,9 @@ class Excerpt:
         cached: list[RegressionRows] = []
         size = 0
         for motion, core in self._pieces():
-            rows = self._regression_rows(motion, core)
+            rows = self._regression_rows(motion, core).within(*self.recording.time_range)
+            if not len(rows.times):
+                continue
             size += rows.X.nbytes
             if size < self.cache_bytes:
                 cached.append(rows)
@@ -135,7 +154,9 @@ class Excerpt:
             )
             total = total + sums
         for piece, core in self._pieces():
-            motion = piece.slice_samples(core.start, core.stop)
+            motion = self._own_samples(piece.slice_samples(core.start, core.stop))
+            if not len(motion):
+                continue
             unfiltered = _sum_of_squares(
                 self.model.motion_regressor(motion), self.model.efforts(motion), motion.moving, values
             )
@@ -171,14 +192,21 @@ class Excerpt:
         start = settings.start_fraction * self._duration()
         end = settings.end_fraction * self._duration()
         for motion in self.recording.motions(statistics, cutoff=settings.cutoff):
-            note_limit_violations(self.model.dynamics, motion, statistics)
+            own = self._own_samples(motion)
+            if len(own):
+                note_limit_violations(self.model.dynamics, own, statistics)
             self._require_efforts(motion)
             first, last = np.searchsorted(motion.times, [start - 1e-9, end - 1e-9])
             last = len(motion) if settings.end_fraction >= 1 else last
             if last > first:
                 yield motion.slice_samples(first, last)
-        sentences = (*self.recording.notes, *statistics.sentences)
-        self.notes += [sentence for sentence in sentences if sentence not in self.notes]
+        self.notes = self.recording.notes
+        self.statistics = statistics
+
+    def _own_samples(self, motion: Motion) -> Motion:
+        """The samples of a motion that belong to the recording, or to the part of it."""
+        first, last = np.searchsorted(motion.times, self.recording.time_range)
+        return motion.slice_samples(int(first), int(last))
 
     def _require_efforts(self, motion: Motion) -> None:
         """Raise RecordingError if a joint has no measured efforts: the zeros in their place would be fitted."""
@@ -195,6 +223,8 @@ class Excerpt:
         """Duration [s] of the recording, read only if the time range depends on it."""
         if self.settings.start_fraction <= 0 and self.settings.end_fraction >= 1:
             return 0.0
+        if self.recording.part is not None:
+            return self.recording.part.duration
         if self._cached_duration is None:
             segments = self.recording.signal_segments()
             self._cached_duration = max((s.time + len(s) / s.rate for s in segments), default=0.0)

@@ -87,8 +87,8 @@ class Fit:
         Method of least squares.
     warnings : tuple of str
         Sentences on parameters that the motion excites too little, and on implausible values.
-    notes : tuple of str
-        Sentences on samples that were left out.
+    notes : dict
+        Sentences on samples that were left out, by the name of the recording.
     """
 
     model: IdentificationModel
@@ -109,7 +109,7 @@ class Fit:
     validation_quality: FitQuality | None
     method: FitMethod
     warnings: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: dict[str, tuple[str, ...]]
 
     @property
     def deviations_between_runs(self) -> Array:
@@ -180,7 +180,7 @@ def fit_parameters(
             *block_warnings(solved.blocks),
             *sign_warnings(model, solution.values, standard_deviations, seen),
         ),
-        notes=tuple(samples.notes),
+        notes=samples.notes,
     )
 
 

@@ -1,12 +1,16 @@
 """Samples of several recordings that are fitted together.
 
-Each recording is summed by itself, in this process or in others. Processes return sums, not samples.
+Each recording, and each part of a long one, is summed by itself, in this process or in others. Processes return sums,
+not samples.
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
@@ -16,11 +20,14 @@ from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.excerpt import Excerpt, ExcerptSettings
 from robot_dynamics.identification.identification_model import EffortModel
 from robot_dynamics.identification.sample_sums import NO_SAMPLES, FactorSums, QualitySums
+from robot_dynamics.recordings.recording_division import divide_recording
+from robot_dynamics.recordings.recording_parts import IndivisibleRecordingError
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.sample_sums import FitQuality
     from robot_dynamics.recordings.recording import Recording
+    from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 CACHE_BYTES = 256 * 1024 * 1024  # memory for regression rows; beyond it they are computed again
 
@@ -28,15 +35,15 @@ ModelT_co = TypeVar("ModelT_co", bound=EffortModel, covariant=True)
 SumT = TypeVar("SumT", FactorSums, QualitySums)
 
 
-ProgressWrapper: TypeAlias = Callable[[Iterable[Any]], Iterable[Any]]
-"""Passes the items of an iterable on, one per recording, and shows the progress."""
+ProgressWrapper: TypeAlias = Callable[[Iterable[Any], int], Iterable[Any]]
+"""Passes the items of an iterable on, one per recording or part of one, of a number of them, and shows the progress."""
 
 
 class Samples(Generic[ModelT_co]):
     """Samples of recordings that are fitted together.
 
     cutoff, band, start_fraction, end_fraction: as in ExcerptSettings; executor: processes that read the recordings,
-    None: this process; progress: wraps the iterator over the recordings, to show progress.
+    None: this process; progress: wraps the iterator over the recordings and parts, to show progress.
     """
 
     def __init__(
@@ -55,14 +62,15 @@ class Samples(Generic[ModelT_co]):
         self._executor = executor
         self._progress = progress
         settings = ExcerptSettings(cutoff, band, start_fraction, end_fraction)
-        cache_bytes = CACHE_BYTES // max(1, len(recordings))
-        self._excerpts = [Excerpt(recording, model, settings, cache_bytes) for recording in recordings]
-        self._notes: dict[str, tuple[str, ...]] = {excerpt.recording.name: () for excerpt in self._excerpts}
+        parts = [part for each in recordings for part in divide_recording(each, cutoff=cutoff, band=band)]
+        cache_bytes = CACHE_BYTES // max(1, len(parts))
+        self._excerpts = [Excerpt(part, model, settings, cache_bytes) for part in parts]
+        self._notes: dict[str, tuple[str, ...]] = {recording.name: () for recording in recordings}
 
     @property
-    def notes(self) -> list[str]:
-        """Sentences on samples that were left out, complete after the first sum."""
-        return [f"{name}: {sentence}" for name, sentences in self._notes.items() for sentence in sentences]
+    def notes(self) -> dict[str, tuple[str, ...]]:
+        """Sentences on samples that were left out, by the name of the recording; complete after the first sum."""
+        return dict(self._notes)
 
     def accumulate_factors(self, values: Array | None = None, standard_deviations: Array | None = None) -> FactorSums:
         """Sum the triangular factors of all recordings.
@@ -82,20 +90,87 @@ class Samples(Generic[ModelT_co]):
 
     def _sum(self, task: Callable[[Excerpt], SumT]) -> SumT:
         """Sum the results of a task over the excerpts, always in their order, so that rounding is reproducible."""
+        try:
+            return self._sum_excerpts(task)
+        except _IndivisibleRecordingsError as error:
+            self._join_parts(error.names)
+        return self._sum_excerpts(task)
+
+    def _sum_excerpts(self, task: Callable[[Excerpt], SumT]) -> SumT:
+        """Sum over the excerpts. Raises _IndivisibleRecordingsError after all recordings in parts were read."""
         run = map if self._executor is None else self._executor.map
-        results: Iterable[tuple[SumT, tuple[str, ...]]] = run(partial(_run_task, task), self._excerpts)
+        results: Iterable[TaskResult[SumT] | None] = run(partial(_run_task, task), self._excerpts)
         if self._progress is not None:
-            results = self._progress(results)
+            results = self._progress(results, len(self._excerpts))
         total: SumT | None = None
-        for excerpt, (excerpt_sum, notes) in zip(self._excerpts, results, strict=True):
-            total = excerpt_sum if total is None else total + excerpt_sum
-            self._notes[excerpt.recording.name] = notes
+        notes: dict[str, dict[str, None]] = {}
+        statistics: dict[str, SampleStatistics] = {}
+        indivisible: set[str] = set()
+        for number, (excerpt, result) in enumerate(zip(self._excerpts, results, strict=True), 1):
+            name = excerpt.recording.name
+            if result is None:
+                indivisible.add(name)
+            if result is None or indivisible:
+                if self._names_of_parts(number) <= indivisible:
+                    raise _IndivisibleRecordingsError(indivisible)
+                continue
+            total = result.sums if total is None else total + result.sums
+            notes.setdefault(name, {}).update(dict.fromkeys(result.notes))
+            if name in statistics:
+                statistics[name].append(result.statistics)
+            else:
+                statistics[name] = result.statistics
         if total is None:
             raise RecordingError(NO_SAMPLES)
+        self._store_notes(notes, statistics)
         return total
 
+    def _store_notes(self, notes: dict[str, dict[str, None]], statistics: dict[str, SampleStatistics]) -> None:
+        for name, counts in statistics.items():
+            self._notes[name] = (*notes[name], *counts.sentences)
 
-def _run_task(task: Callable[[Excerpt], SumT], excerpt: Excerpt) -> tuple[SumT, tuple[str, ...]]:
-    """Run a task on an excerpt, and return its notes with the result, since it may run in another process."""
-    result = task(excerpt)
-    return result, tuple(excerpt.notes)
+    def _names_of_parts(self, number: int) -> set[str]:
+        """Names of the recordings that have parts among the excerpts from a number on."""
+        return {each.recording.name for each in self._excerpts[number:] if each.recording.part is not None}
+
+    def _join_parts(self, names: set[str]) -> None:
+        """Replace the parts of recordings by the whole recordings."""
+        counts = Counter(each.recording.name for each in self._excerpts)
+        excerpts = []
+        for each in self._excerpts:
+            recording = each.recording
+            if recording.part is None or recording.name not in names:
+                excerpts.append(each)
+            elif recording.part.begin is None:  # the first part
+                cache_bytes = each.cache_bytes * counts[recording.name]
+                excerpts.append(Excerpt(replace(recording, part=None), self.model, each.settings, cache_bytes))
+        self._excerpts = excerpts
+
+
+class _IndivisibleRecordingsError(Exception):
+    """Recordings, by their names, whose parts depend on each other."""
+
+    def __init__(self, names: set[str]) -> None:
+        super().__init__(names)
+        self.names = names
+
+
+@dataclass(frozen=True, eq=False)
+class TaskResult(Generic[SumT]):
+    """Sums over an excerpt, sentences on damage of its files, and counts of samples that were left out."""
+
+    sums: SumT
+    notes: tuple[str, ...]
+    statistics: SampleStatistics
+
+
+def _run_task(task: Callable[[Excerpt], SumT], excerpt: Excerpt) -> TaskResult[SumT] | None:
+    """Run a task on an excerpt, and return its notes with the result, since it may run in another process.
+
+    None of a part that depends on other parts.
+    """
+    try:
+        sums = task(excerpt)
+    except IndivisibleRecordingError:
+        return None
+    return TaskResult(sums, excerpt.notes, deepcopy(excerpt.statistics))

@@ -17,7 +17,7 @@ from robot_dynamics.model.joint import check_placement
 from robot_dynamics.model.placement import placement
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, ArrayLike, ScalarArray
+    from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
 
 COINCIDENCE_TOLERANCE = 1e-9  # [m] points of a link that are this near coincide
 MAX_ELEMENTS = 1000  # of a beam
@@ -240,18 +240,9 @@ class Flexibility:
     bodies: tuple[RigidBody, ...] = ()
 
     def __post_init__(self) -> None:
-        for number, beam in enumerate(self.beams):
-            start = beam.placement[:3, 3]
-            is_connected = (
-                number == 0
-                or not np.any(np.abs(start) > COINCIDENCE_TOLERANCE)
-                or any(locate_on_beam(earlier, start) for earlier in self.beams[:number])
-            )
-            if not is_connected:
-                raise DescriptionError(
-                    f"beam {number + 1} begins at {start.tolist()}, which is on no beam: it must begin at the origin "
-                    "of the link's frame or on a beam before it"
-                )
+        geometry = BeamGeometry()
+        for beam in self.beams:
+            geometry.add(beam)
 
     @property
     def inertia(self) -> Inertia:
@@ -270,12 +261,49 @@ class Flexibility:
         return replace(self, bodies=(*self.bodies, body))
 
 
+class BeamGeometry:
+    """Where the beams of a link are, to check one after the other that it begins on those before it."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._starts = np.empty((8, 3))
+        self._rotations = np.empty((8, 3, 3))
+        self._lengths = np.empty(8)
+
+    def add(self, beam: Beam) -> None:
+        """Add a beam. Raises DescriptionError if it begins neither at the origin nor on a beam before it."""
+        count = self._count
+        start = beam.placement[:3, 3]
+        if count and np.any(np.abs(start) > COINCIDENCE_TOLERANCE):
+            offsets = start - self._starts[:count]
+            if not _are_on(self._rotations[:count], offsets, self._lengths[:count]).any():
+                raise DescriptionError(
+                    f"beam {count + 1} begins at {start.tolist()}, which is on no beam: it must begin at the origin "
+                    "of the link's frame or on a beam before it"
+                )
+        if count == len(self._lengths):
+            self._starts = np.concatenate([self._starts, self._starts])
+            self._rotations = np.concatenate([self._rotations, self._rotations])
+            self._lengths = np.concatenate([self._lengths, self._lengths])
+        self._starts[count] = start
+        self._rotations[count] = beam.placement[:3, :3]
+        self._lengths[count] = beam.length
+        self._count += 1
+
+
 def locate_on_beam(beam: Beam, point: ScalarArray) -> float | None:
     """Return the fraction of a beam's length at which a point (3,) of the link's frame lies on it, else None."""
-    along, *across = beam.placement[:3, :3].T @ (point - beam.placement[:3, 3])
-    if (
-        np.hypot(*across) > COINCIDENCE_TOLERANCE
-        or not -COINCIDENCE_TOLERANCE <= along <= beam.length + COINCIDENCE_TOLERANCE
-    ):
+    rotation = beam.placement[:3, :3]
+    offset = point - beam.placement[:3, 3]
+    if not _are_on(rotation, offset, np.asarray(beam.length)):
         return None
-    return float(np.clip(along / beam.length, 0.0, 1.0))
+    return float(np.clip(rotation[:, 0] @ offset / beam.length, 0.0, 1.0))
+
+
+def _are_on(rotations: ScalarArray, offsets: ScalarArray, lengths: Array) -> BoolArray:
+    """Whether points lie on beams (...): rotations (..., 3, 3), offsets (..., 3) from their starts, lengths (...)."""
+    along, y, z = np.moveaxis((np.swapaxes(rotations, -1, -2) @ offsets[..., None])[..., 0], -1, 0)
+    is_near = np.hypot(y, z) <= COINCIDENCE_TOLERANCE
+    is_between = (-COINCIDENCE_TOLERANCE <= along) & (along <= lengths + COINCIDENCE_TOLERANCE)
+    on: BoolArray = is_near & is_between
+    return on

@@ -36,7 +36,8 @@ def cut_joints(robot: Robot, is_allowed: Callable[[int], bool] = lambda number: 
         joint = robot.joints[last - 1]
         is_free = joint.mimic is None and not joint.actuated and joint.rotor_inertia == 0
         is_leaf = last not in carriers and end_links.count(last) == 1
-        is_massless_leaf = is_leaf and not np.any(robot.links[last].inertia.spatial)
+        inertia = robot.links[last].inertia
+        is_massless_leaf = is_leaf and not inertia.has_symbols and not np.any(inertia.spatial)
         is_at_frame = np.array_equal(loop.moved.placement, np.eye(4))
         if joint.name == loop.name and is_free and is_massless_leaf and is_at_frame and is_allowed(last - 1):
             last -= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,8 +32,9 @@ def find_warnings(robot: Robot) -> tuple[str, ...]:
         warnings += find_suspicious_limits(joint)
     warnings += find_missing_inertials(robot)
     warnings += find_singular_joints(robot)
+    joints_in_loops = [robot.joints_in_loop(loop) for loop in robot.loops] if robot.platforms else []
     for platform in robot.platforms:
-        warnings += _find_missing_legs(robot, platform)
+        warnings += _find_missing_legs(robot, platform, joints_in_loops)
     return tuple(warnings)
 
 
@@ -122,10 +124,9 @@ def _joints_with_inertia(robot: Robot) -> list[bool]:
     return moves_inertia
 
 
-def _find_missing_legs(robot: Robot, platform: Platform) -> list[str]:
-    """Return a sentence about a platform that fewer than two legs hold."""
-    coordinates = {*platform.joints}
-    leg_count = sum(not coordinates.isdisjoint(robot.joints_in_loop(loop)) for loop in robot.loops)
+def _find_missing_legs(robot: Robot, platform: Platform, joints_in_loops: Sequence[set[int]]) -> list[str]:
+    """Return a sentence about a platform that fewer than two legs hold; joints_in_loops: those of each loop."""
+    leg_count = sum(any(number in joints for number in platform.joints) for joints in joints_in_loops)
     if leg_count >= 2:
         return []
     legs = "no leg holds it" if leg_count == 0 else "only one leg holds it"

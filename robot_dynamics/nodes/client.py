@@ -13,12 +13,12 @@ from rcl_interfaces.msg import SetParametersResult
 from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.nodes.batch_messages import make_batch_requests, read_batch_responses
+from robot_dynamics.nodes.events_executor import make_executor
 from robot_dynamics.nodes.qos import SERVICE_QOS
 
 if TYPE_CHECKING:
@@ -61,7 +61,8 @@ class ServiceClient:
 
     def __init__(self, name: str = "caller", namespace: str = "/", context: Context | None = None) -> None:
         self.node = rclpy.create_node(name, namespace=namespace, context=context)
-        self._executor = SingleThreadedExecutor(context=context)
+        # Fast DDS passes each response of a service to all its clients: the executor runs for those to others too
+        self._executor = make_executor(context)
         self._executor.add_node(self.node)
         self._clients: dict[str, Client] = {}
         self._responsive_services: set[str] = set()

@@ -61,6 +61,14 @@ class ParameterSpec:
         match = UNIT.search(self.description)
         return match[1] if match else ""
 
+    @property
+    def accepted_range(self) -> str:
+        """The accepted numbers as words, empty if any number is accepted."""
+        if self.lower_bound is None:
+            return ""
+        lowest = f"more than {self.lower_bound:g}" if self.is_bound_excluded else f"{self.lower_bound:g} or more"
+        return f"{lowest}, and less than {self.upper_bound:g}," if self.upper_bound not in (None, inf) else lowest
+
     def validate(self, value: object) -> Any:
         """Return a value in the type of the parameter. Raises InvalidInputError with the accepted values."""
         if self.list_kind == "names":
@@ -71,8 +79,9 @@ class ParameterSpec:
             return parse_integer(self.name, value, least=int(self.lower_bound or 0))
         converted = convert_parameter(self.default, self.name, value, self.description)
         if isinstance(converted, float) and not self._is_accepted(converted):
-            needed = f"more than {self.lower_bound:g}" if self.is_bound_excluded else f"{self.lower_bound:g} or more"
-            raise InvalidInputError(f"parameter {self.name} is {converted:g}: {needed} is needed, {self.description}")
+            raise InvalidInputError(
+                f"parameter {self.name} is {converted:g}: {self.accepted_range} is needed, {self.description}"
+            )
         if self.choices and converted not in self.choices:
             raise InvalidInputError(f"parameter {self.name}: {describe_unknown_name('value', converted, self.choices)}")
         return converted
@@ -86,8 +95,7 @@ class ParameterSpec:
         numbers = parse_numbers(self.name, value, self.description)
         if not all(map(self._is_accepted, numbers)):
             raise InvalidInputError(
-                f"parameter {self.name} is {numbers}: numbers of {self.lower_bound:g} or more are needed, "
-                f"{self.description}"
+                f"parameter {self.name} is {numbers}: numbers of {self.accepted_range} are needed, {self.description}"
             )
         return numbers
 

@@ -15,6 +15,8 @@ from typing import IO
 
 import yaml
 
+PARENT = "ROBOT_DYNAMICS_PARENT"  # variable with the number of the process without which a node shall not run
+
 
 @contextmanager
 def running_node(
@@ -26,6 +28,8 @@ def running_node(
     remappings: Mapping[str, str] | None = None,
 ) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node of this package in a process of its own, and end it when the block ends, also by an exception.
+
+    The node also ends when this process is killed: see `is_orphaned`.
 
     Parameters
     ----------
@@ -44,7 +48,7 @@ def running_node(
             command += ["-r", f"{old}:={new}"]
         process = subprocess.Popen(
             command,
-            env={**os.environ, **(environment or {})},
+            env={**os.environ, **(environment or {}), PARENT: str(os.getpid())},
             stdout=log,
             stderr=log,
             start_new_session=True,  # Ctrl-C in a terminal reaches this process, which then ends the node
@@ -53,6 +57,12 @@ def running_node(
             yield process
         finally:
             terminate_process(process)
+
+
+def is_orphaned() -> bool:
+    """Return whether `running_node` of another process started this one, and that process has ended."""
+    parent = os.environ.get(PARENT, "")
+    return bool(parent) and str(os.getppid()) != parent
 
 
 def terminate_process(process: subprocess.Popen[bytes], patience: float = 20.0) -> None:

@@ -1,8 +1,9 @@
-"""The names of the nodes that publish a topic."""
+"""The names and endpoints of the nodes that publish a topic."""
 
 from collections.abc import Sequence
 
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 
 def find_publishers(node: Node, topic: str) -> list[str]:
@@ -10,8 +11,15 @@ def find_publishers(node: Node, topic: str) -> list[str]:
 
     A node with many publishers is in it as many times.
     """
-    endpoints = node.get_publishers_info_by_topic(node.resolve_topic_name(topic))
-    return sorted(f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" for endpoint in endpoints)
+    return sorted(_node_name(endpoint) for endpoint in _publisher_endpoints(node, topic))
+
+
+def describe_publishers(node: Node, topic: str) -> str:
+    """Return the names of all publishers of a topic with their endpoints, as words of a sentence.
+
+    The endpoint is the GID in the form of `ros2 topic info --verbose`.
+    """
+    return " and ".join(sorted(map(_describe_endpoint, _publisher_endpoints(node, topic))))
 
 
 def join_other_names(names: Sequence[str], own_name: str) -> str:
@@ -19,3 +27,15 @@ def join_other_names(names: Sequence[str], own_name: str) -> str:
     others = list(names)
     others.remove(own_name)
     return " and ".join("another node of the same name" if name == own_name else name for name in others)
+
+
+def _publisher_endpoints(node: Node, topic: str) -> list[TopicEndpointInfo]:
+    return list(node.get_publishers_info_by_topic(node.resolve_topic_name(topic)))
+
+
+def _node_name(endpoint: TopicEndpointInfo) -> str:
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
+def _describe_endpoint(endpoint: TopicEndpointInfo) -> str:
+    return f"{_node_name(endpoint)} (endpoint {'.'.join(f'{byte:02x}' for byte in endpoint.endpoint_gid)})"

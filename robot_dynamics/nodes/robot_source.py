@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakSet
 
 import numpy as np
@@ -16,16 +17,18 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import DescriptionError, InvalidInputError
+from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
-from robot_dynamics.model.loading import read_description, read_robot
+from robot_dynamics.model.loading import read_description, read_robot, shipped_robots
 from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.parameter_requests import ParameterRequests, run_in_executor, yielding_thread
 from robot_dynamics.nodes.parameters import (
     ParameterSpec,
     by_name,
     declare_parameters,
+    refuse_startup_changes,
 )
 from robot_dynamics.nodes.qos import LATCHED_QOS
 
@@ -37,7 +40,12 @@ if TYPE_CHECKING:
     )
 
 BASES = {"": None, "fixed": False, "moving": True}  # value of parameter base: whether the base moves
+MAX_PAYLOAD = 1e9  # [kg, kg m, kg m^2] numbers from here on are refused: no robot carries them
 TOPIC_SOURCE = "topic robot_description"
+DESCRIPTION_PARAMETERS = ("robot_description", "robot_file", "robot_path", "base", "gravity")  # in DescriptionKey
+
+Outcome: TypeAlias = Dynamics | Exception | None
+"""Result of loading a robot: None where nothing describes one."""
 
 PARAMETERS = by_name(
     ParameterSpec(
@@ -52,6 +60,14 @@ PARAMETERS = by_name(
         "path of a URDF, an MDH table or a .par, or the name of a robot that ships. Where this and "
         "robot_description are empty, the topic robot_description is used",
         read_at="configuration",
+    ),
+    ParameterSpec(
+        "robot_path",
+        "",
+        "folders whose files robot_file may name while the node runs, besides the share folders of ROS packages; at "
+        "the start it may name any file",
+        list_kind="names",
+        read_at="startup",
     ),
     ParameterSpec("base", "", "fixed or moving; empty: as in the description", read_at="configuration"),
     ParameterSpec(
@@ -71,7 +87,7 @@ PARAMETERS = by_name(
     ParameterSpec(
         "payload.link", "", "link that carries the payload, in whose frame it is given; empty: there is none"
     ),
-    ParameterSpec("payload.mass", 0.0, "[kg]", lower_bound=0.0),
+    ParameterSpec("payload.mass", 0.0, "[kg]", lower_bound=0.0, upper_bound=MAX_PAYLOAD),
     ParameterSpec("payload.first_moments", [0.0] * 3, "mass times its centre x, y, z [kg m]"),
     ParameterSpec("payload.inertia", [0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
 )
@@ -91,12 +107,15 @@ class RobotSource:
     """The robot of a node, from its parameters or from the latched topic robot_description.
 
     A change is tried first: a description that cannot be loaded is refused with a reason, and the loaded robot stays.
+    While the node runs, a worker loads descriptions, and the executor of the node serves the present robot meanwhile.
+    Only parameters that the process of the node itself sets, by `Node.set_parameters`, block it.
 
     Parameters
     ----------
-    on_new_robot : called with each new Dynamics.
-    worker : loads descriptions from the topic, and calls `on_new_robot` for them, while the node goes on; None: the
-        node waits for it.
+    on_new_robot : called with each new Dynamics, in the thread of the executor.
+    worker : loads descriptions; it must have one thread. None: a worker of its own.
+    require_changeable : called with the name of a parameter before its change is prepared; raises InvalidInputError if
+        it cannot change in the present state of the node.
 
     Attributes
     ----------
@@ -108,11 +127,17 @@ class RobotSource:
         node: Node,
         on_new_robot: Callable[[Dynamics], None] | None = None,
         worker: Executor | None = None,
+        require_changeable: Callable[[str], None] | None = None,
     ) -> None:
         self._node = node
         self._on_new_robot = on_new_robot
-        self._worker = worker
+        self._worker = worker or ThreadPoolExecutor(1, thread_name_prefix="robot")
+        self._require_changeable = require_changeable
         self._last_read: tuple[DescriptionKey, Robot] | None = None  # reused for another payload
+        # of the last description with a payload: clients send requests again that have no response yet
+        self._last_outcome: tuple[object, Outcome] | None = None
+        self._prepared: tuple[object, Outcome] | None = None  # for the change that follows
+        self._newest_text = ""  # on the topic
         self._dynamics: Dynamics | None = None
         self._candidate: Dynamics | None = None
         self._massless: WeakSet[Dynamics] = WeakSet()
@@ -134,6 +159,7 @@ class RobotSource:
             )
         node.add_on_set_parameters_callback(self._before_change)
         node.add_post_set_parameters_callback(self._after_change)
+        self._requests = ParameterRequests(node, self._prepare_change, self._worker)
         self._subscription = node.create_subscription(String, "robot_description", self._on_description, LATCHED_QOS)
 
     @property
@@ -200,12 +226,22 @@ class RobotSource:
         if base not in BASES:
             raise DescriptionError(f"parameter base is {base!r}: fixed, moving or nothing is right")
         key = DescriptionKey(text, source, BASES[base], tuple(settings["gravity"]) or None)
+        outcome_key = key, [repr(settings[name]) for name in PARAMETERS if name not in DESCRIPTION_PARAMETERS]
+        if self._last_outcome is None or self._last_outcome[0] != outcome_key:
+            self._last_outcome = outcome_key, _try(lambda: self._build(key, settings))
+        dynamics = _unwrap(self._last_outcome[1])
+        assert dynamics is not None, "a description was given"
+        return dynamics
+
+    def _build(self, key: DescriptionKey, settings: ParameterValues) -> Dynamics:
+        """Return the Dynamics of a description with the payload of the parameters."""
         if self._last_read is not None and self._last_read[0] == key:
             robot = self._last_read[1]
         else:
-            robot = read_robot(text, source=source, moving_base=key.moving_base, gravity=settings["gravity"] or None)
+            robot = read_robot(key.text, source=key.source, moving_base=key.moving_base, gravity=key.gravity)
             self._last_read = key, robot
         loaded = with_payload(robot, settings)
+        _ = loaded.warnings  # computed here, in the worker; strict and the log need them
         if settings["strict"]:
             loaded.raise_on_warnings()
         dynamics = Dynamics(loaded)
@@ -242,13 +278,50 @@ class RobotSource:
         self._node.get_logger().error(f"robot refused: {self.rejection_reason}{kept}")
         return self.rejection_reason
 
-    def _before_change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+    def _changed_settings(self, parameters: Sequence[Parameter]) -> ParameterValues | None:
+        """Return all settings with changes; None if there are none. Raises InvalidInputError or DescriptionError."""
         changes: dict[str, Any] = {p.name: p.value for p in parameters if p.name in PARAMETERS}
+        if not changes:
+            return None
+        refuse_startup_changes(PARAMETERS, parameters)
+        settings = self._settings(changes)
+        if settings["robot_file"] != self._node.get_parameter("robot_file").value:
+            _check_folder(settings["robot_file"], settings["robot_path"])
+        return settings
 
+    def _state_key(self, settings: ParameterValues) -> object:
+        """Return what decides the outcome of a change: equal for equal settings, also with nan."""
+        return self._published_text, [value if isinstance(value, str) else repr(value) for value in settings.values()]
+
+    def _prepare_change(self, parameters: Sequence[Parameter]) -> Callable[[], None] | None:
+        """Return the work before a change of parameters: to load the robot. `_before_change` takes the outcome."""
+        if self._require_changeable is not None:
+            for parameter in parameters:
+                self._require_changeable(parameter.name)
+        settings = self._changed_settings(parameters)
+        if settings is None:
+            return None
+
+        def work() -> None:
+            with yielding_thread():
+                self._prepared = self._state_key(settings), _try(lambda: self._load(settings))
+
+        return work
+
+    def _before_change(self, parameters: Sequence[Parameter]) -> SetParametersResult:
         def change() -> None:
-            self._candidate = self._load(self._settings(changes))
+            settings = self._changed_settings(parameters)
+            if settings is None:
+                return
+            prepared = self._prepared
+            self._prepared = None
+            if prepared is not None and prepared[0] == self._state_key(settings):
+                self._candidate = _unwrap(prepared[1])
+            else:
+                self._candidate = self._load(settings)
 
-        reason = self._try_change(change) if changes else ""
+        has_changes = any(parameter.name in PARAMETERS for parameter in parameters)
+        reason = self._try_change(change) if has_changes else ""
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _after_change(self, parameters: Sequence[Parameter]) -> None:
@@ -257,25 +330,90 @@ class RobotSource:
 
     def _on_description(self, message: String) -> None:
         """Load the text on the topic, which is never a path; it is used if no parameter names a robot."""
+        text = message.data
+        self._newest_text = text
+        if text != self._published_text:  # the same text once more is no change
+            self._worker.submit(self._load_published, text)
+
+    def _load_published(self, text: str) -> None:
+        """Load a text of the topic, in the worker, unless a newer one has come."""
+        if text is not self._newest_text:
+            return
+        with yielding_thread():
+            settings = _try(self._settings)
+            outcome = (
+                settings if isinstance(settings, Exception) else _try(lambda: self._read(text, TOPIC_SOURCE, settings))
+            )
+        run_in_executor(self._node, lambda: self._adopt_published(text, settings, outcome))
+
+    def _adopt_published(self, text: str, settings: ParameterValues | Exception, outcome: Outcome) -> None:
+        """Use the outcome of loading a text of the topic."""
 
         def change() -> None:
-            settings = self._settings()
-            dynamics = self._read(message.data, TOPIC_SOURCE, settings)
-            self._published_text = message.data
-            parameter = next((name for name in ("robot_description", "robot_file") if settings[name]), None)
+            dynamics = _unwrap(outcome)
+            self._published_text = text
+            values = self._settings()
+            parameter = next((name for name in ("robot_description", "robot_file") if values[name]), None)
             if parameter is None:
                 self._adopt(dynamics)
             else:
                 self._node.get_logger().info(f"robot on the topic robot_description is not used: {parameter} is set")
 
-        if self._worker is None:
+        if isinstance(settings, dict) and self._state_key(settings) != self._state_key(self._settings()):
+            self._worker.submit(self._load_published, text)  # parameters have changed meanwhile
+        else:
             self._try_change(change)
-        elif message.data != self._published_text:  # the same text once more is no change
-            self._worker.submit(self._try_change, change)
+
+
+def _try(compute: Callable[[], Any]) -> Any:
+    """Return a result, or the exception that was raised."""
+    try:
+        return compute()
+    except Exception as error:
+        return error
+
+
+def _unwrap(outcome: Outcome) -> Dynamics | None:
+    """Return a result of `_try`, or raise its exception."""
+    if isinstance(outcome, Exception):
+        raise outcome.with_traceback(None if isinstance(outcome, RobotDynamicsError) else outcome.__traceback__)
+    return outcome
+
+
+def _check_folder(name: str, folders: Sequence[str]) -> None:
+    """Refuse a file that a running node must not read: whoever may set parameters could read it by error messages.
+
+    Parameters
+    ----------
+    name : path of a description, or name of a robot that ships.
+    folders : from parameter robot_path.
+
+    Raises
+    ------
+    DescriptionError
+        Whether the file exists or not, so that the message does not show which files exist.
+    """
+    if not name or name in shipped_robots():
+        return
+    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
+    allowed = [*map(Path, folders), *(Path(prefix) / "share" for prefix in prefixes)]
+    path = Path(name).resolve()
+    if not any(path.is_relative_to(folder.resolve()) for folder in allowed):
+        hint = "" if "/" in name else f" ({describe_unknown_name('robot', name, shipped_robots())})"
+        raise DescriptionError(
+            f"parameter robot_file is {name!r}{hint}: a running node reads robots that ship, and files in the "
+            f"folders of robot_path ({', '.join(folders) or 'empty'}) or of the share folders of ROS packages. Restart "
+            "the node with this file, set robot_path at its start, or publish the description on robot_description"
+        )
 
 
 def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
     """Return the robot with the payload of the parameters; with an empty payload.link, the robot itself."""
+    for name in ("payload.first_moments", "payload.inertia"):
+        if np.abs(settings[name]).max() >= MAX_PAYLOAD:
+            raise InvalidInputError(
+                f"parameter {name} is {settings[name]}: magnitudes below {MAX_PAYLOAD:g} are needed"
+            )
     inertia = symmetric_matrix(*settings["payload.inertia"])
     payload = Inertia(settings["payload.mass"], np.array(settings["payload.first_moments"]), inertia)
     if not settings["payload.link"]:

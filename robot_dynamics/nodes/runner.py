@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import rclpy
@@ -21,7 +21,12 @@ from rclpy.utilities import remove_ros_args
 
 from robot_dynamics.codegen.jit import background
 from robot_dynamics.errors import RobotDynamicsError, describe_unknown_name
+from robot_dynamics.nodes.events_executor import make_executor
+from robot_dynamics.nodes.log_folder import ensure_log_folder
 from robot_dynamics.nodes.middleware import shared_memory, without_shared_memory
+from robot_dynamics.nodes.parameter_requests import WORKER_THREAD
+from robot_dynamics.nodes.processes import is_orphaned
+from robot_dynamics.nodes.security import check_security_strategy, security_hint
 from robot_dynamics.version import package_version
 
 RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")  # that every node has
@@ -30,22 +35,20 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 def make_events_executor() -> Executor:
     """Return an EventsExecutor, which rclpy has from 7.1.4 on, else a SingleThreadedExecutor with a warning."""
-    try:
-        from rclpy.experimental.events_executor import EventsExecutor
-    except ImportError:
+    executor = make_executor()
+    if isinstance(executor, SingleThreadedExecutor):
         get_logger("robot_dynamics").warning(
             "this rclpy has no EventsExecutor (added in 7.1.4): SingleThreadedExecutor is used instead, and each "
             "message takes about twice as long"
         )
-        return SingleThreadedExecutor()
-    return EventsExecutor()
+    return executor
 
 
 def run_node(
     make_node: Callable[[], Node],
     arguments: list[str] | None = None,
     executor: Callable[[], Executor] = SingleThreadedExecutor,
-    udp_only: bool = False,
+    transports: Callable[[], AbstractContextManager[None]] = nullcontext,
 ) -> None:
     """Create a node, spin it, and end cleanly on SIGINT or SIGTERM.
 
@@ -58,7 +61,7 @@ def run_node(
     make_node : class, whose docstring is the text of --help, or function.
     arguments : of the command line; None: those of this process.
     executor : class or function that makes the executor.
-    udp_only : whether to keep the middleware from shared memory, where another process can block it.
+    transports : context manager of `middleware` that chooses the transports of the middleware.
     """
     stopped = threading.Event()
     for number in STOP_SIGNALS:
@@ -66,7 +69,9 @@ def run_node(
     command = sys.argv if arguments is None else [sys.argv[0], *arguments]
     parser = _argument_parser(command[0], make_node)
     try:
-        with without_shared_memory() if udp_only else nullcontext():
+        check_security_strategy(os.environ)
+        ensure_log_folder()
+        with transports():
             rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
             _, unknown = parser.parse_known_args(remove_ros_args(command)[1:])
             if unknown:
@@ -75,9 +80,9 @@ def run_node(
                 )
             node = make_node()
     except (RuntimeError, ParameterException, RobotDynamicsError) as error:  # the first two come from rclpy
-        sys.exit(f"{parser.prog}: {error}")
+        sys.exit(f"{parser.prog}: {error}{security_hint(str(error))}")
     _warn_of_unknown_parameters(node)
-    if udp_only:
+    if transports is without_shared_memory:
         _warn_of_shared_memory(node)
     _spin(node, executor(), stopped)
     _exit_without_compilers()
@@ -98,7 +103,7 @@ def _argument_parser(path: str, make_node: Callable[[], Node]) -> argparse.Argum
 def _spin(node: Node, executor: Executor, stopped: threading.Event) -> None:
     executor.add_node(node)
     try:
-        while not stopped.is_set():
+        while not stopped.is_set() and not is_orphaned():
             executor.spin_once(timeout_sec=0.2)
     finally:
         for number in STOP_SIGNALS:  # a second signal does not interrupt the clean end
@@ -129,12 +134,12 @@ def _warn_of_shared_memory(node: Node) -> None:
 
 
 def _exit_without_compilers() -> None:
-    """End this process at once, with success, if a model is being compiled.
+    """End this process at once, with success, if a model is being compiled or a robot loaded.
 
-    Python would wait for the thread of the compiler, some seconds for a large robot, for a program that nothing uses.
+    Python would wait for the thread of the compiler or the worker, some seconds for a large robot, for nothing.
     Files of the program cache are written whole or not at all.
     """
-    if any(thread.name == background.THREAD_NAME for thread in threading.enumerate()):
+    if any(thread.name in (background.THREAD_NAME, WORKER_THREAD) for thread in threading.enumerate()):
         logging.shutdown()
         sys.stdout.flush()
         sys.stderr.flush()

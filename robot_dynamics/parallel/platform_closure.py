@@ -15,8 +15,9 @@ import numpy as np
 
 from robot_dynamics.array_checks import require_finite
 from robot_dynamics.errors import DescriptionError, InvalidInputError
+from robot_dynamics.inputs import common_batch_shape
 from robot_dynamics.model.platform import COORDINATES
-from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
+from robot_dynamics.parallel.platform_motion import POSE_TOLERANCE, coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.robot import Robot
 
-POSE_TOLERANCE = 1e-9  # largest difference of two equal poses [m, rad]
 RANK_TOLERANCE = 1e-6
 
 
@@ -67,6 +67,7 @@ class PlatformClosure:
         seed: (..., all joints) or None; other_positions: (..., k) of the other joints, or None. Raises
         SingularModelError where a leg cannot reach.
         """
+        seed = self._check_seed(seed, poses, other_positions)
         if self._all_coordinates_are_free:
             return self.solver.close_loops(
                 self._solver_positions(self._coordinates(poses, seed), seed, other_positions)
@@ -85,6 +86,7 @@ class PlatformClosure:
         poses: (..., platforms, 4, 4). Where not all coordinates are free, more than one pose may have the free
         coordinates. The requested pose is then also sought from itself, and from its other angles.
         """
+        seed = self._check_seed(seed, poses, other_positions)
         x = self._coordinates(poses, seed)
         arguments = self._solver_positions(x, seed, other_positions)
         q, reached = self.solver.try_close_loops(arguments)
@@ -107,20 +109,37 @@ class PlatformClosure:
     def _all_coordinates_are_free(self) -> bool:
         return len(self.free_joints) == self.coordinate_joints.size
 
-    def _coordinates(self, poses: Array, seed: ArrayLike | None) -> Array:
+    def _check_seed(self, seed: ArrayLike | None, poses: Array, other_positions: Array | None) -> Array | None:
+        """Return the seed (..., all joints) as an array, nan where unknown.
+
+        Raises InvalidInputError where it does not fit the robot, or where the batches of the arguments differ.
+        """
+        values = None
+        if seed is not None:
+            try:
+                values = np.array(seed, dtype=float)
+            except (TypeError, ValueError):
+                values = np.zeros(0)
+            if values.shape[-1:] != (self._joint_count,):
+                names = ", ".join(joint.name for joint in self.solver.robot.joints)
+                require_finite("seed", seed, self._joint_count, f"joints ({names})")  # refuses the shape
+        common_batch_shape(poses[..., 0, 0, :], values, other_positions)
+        return values
+
+    def _coordinates(self, poses: Array, seed: Array | None) -> Array:
         """Return coordinates (..., platforms, 6) of poses (..., platforms, 4, 4).
 
         Angles are those nearest to the seed, or to the initial positions where the seed has none.
         """
         near = self.solver.closed_positions[self.coordinate_joints]
-        if seed is not None and np.shape(seed)[-1:] == (self._joint_count,):
-            seeded = np.asarray(seed, dtype=float)[..., self.coordinate_joints]
+        if seed is not None:
+            seeded = seed[..., self.coordinate_joints]
             near = np.where(np.isnan(seeded), near, seeded)
         return coordinates_from_pose(poses, near)
 
-    def _seed_at(self, x: Array, seed: ArrayLike | None) -> Array:
+    def _seed_at(self, x: Array, seed: Array | None) -> Array:
         """Return a seed (..., all joints) with the platforms at coordinates x (..., platforms, 6)."""
-        batch = np.broadcast_shapes(x.shape[:-2], () if seed is None else np.shape(seed)[:-1])
+        batch = np.broadcast_shapes(x.shape[:-2], () if seed is None else seed.shape[:-1])
         seeds = np.full((*batch, self._joint_count), np.nan)
         if seed is not None:
             seeds[...] = seed
@@ -133,7 +152,7 @@ class PlatformClosure:
         difference[..., :3, 3] /= self._characteristic_length
         return np.asarray(difference.max(axis=(-3, -2, -1)) <= POSE_TOLERANCE)
 
-    def _solver_positions(self, x: Array, seed: ArrayLike | None, other_positions: Array | None) -> Array:
+    def _solver_positions(self, x: Array, seed: Array | None, other_positions: Array | None) -> Array:
         """Return the argument of the solver: positions of its independent joints, or of all joints with a seed.
 
         x: (..., platforms, 6) coordinates; seed: (..., all joints); other_positions: (..., k), by default those of the
@@ -142,15 +161,11 @@ class PlatformClosure:
         initial = self.solver.closed_positions[self.other_joints]
         if seed is None:
             return self._independent_positions(x, initial if other_positions is None else other_positions)
-        seeds = np.asarray(seed, dtype=float)
-        if seeds.shape[-1:] != (self._joint_count,):
-            names = ", ".join(joint.name for joint in self.solver.robot.joints)
-            require_finite("seed", seeds, self._joint_count, f"joints ({names})")  # refuses the shape
         if other_positions is None:
-            seeded = seeds[..., self.other_joints]
+            seeded = seed[..., self.other_joints]
             other_positions = np.where(np.isnan(seeded), initial, seeded)
-        batch = np.broadcast_shapes(x.shape[:-2], seeds.shape[:-1], other_positions.shape[:-1])
-        seeds = np.array(np.broadcast_to(seeds, (*batch, self._joint_count)))
+        batch = np.broadcast_shapes(x.shape[:-2], seed.shape[:-1], other_positions.shape[:-1])
+        seeds = np.array(np.broadcast_to(seed, (*batch, self._joint_count)))
         seeds[..., self.free_joints] = x[self._free_index]
         seeds[..., self.other_joints] = other_positions
         return seeds

@@ -144,8 +144,10 @@ class PlatformDynamics(PlatformKinematics):
             The legs do not close or are singular, or springs stand between the motors and the platform: at prescribed
             deflections they determine its acceleration, whatever the motors do.
         """
-        state = self._actuated_motion(pose, twist, acceleration, seed, other_joints, external_wrenches)
-        return self._dynamics.inverse(*state, external_wrenches=external_wrenches)
+        motion = self._attempt_motor_motion(pose, twist, acceleration, seed, other_joints)
+        if motion is None:
+            motion = self._actuated_motion(pose, twist, acceleration, seed, other_joints, external_wrenches)
+        return self._dynamics.inverse(*motion, external_wrenches=external_wrenches)
 
     def direct(
         self,
@@ -176,6 +178,14 @@ class PlatformDynamics(PlatformKinematics):
         InvalidInputError, SingularModelError
             As `Dynamics.direct`.
         """
+        motion = self._attempt_motor_motion(pose, twist, None, seed, other_joints)
+        if motion is not None and self._compiled is not None:
+            q, qd, _ = motion
+            accelerations = self._dynamics.direct(q, qd, efforts, external_wrenches=external_wrenches)
+            if accelerations.ndim == 1:
+                acceleration = self._compiled.acceleration(q, qd, accelerations)
+                if acceleration is not None:
+                    return acceleration
         result = self.solve(
             pose,
             twist,

@@ -11,9 +11,8 @@ from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.constraints.attitude_charts import STEEP_PITCH_COSINE
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON, common_batch_shape
-from robot_dynamics.parallel.platform_arguments import (
-    PlatformArguments,
-)
+from robot_dynamics.parallel.compiled_platform import CompiledPlatform
+from robot_dynamics.parallel.platform_arguments import PlatformArguments
 from robot_dynamics.parallel.platform_closure import PlatformClosure
 from robot_dynamics.parallel.platform_motion import AngleRates, ChartRates, PlatformRates, pose_from_coordinates
 
@@ -77,6 +76,14 @@ class PlatformKinematics:
                 for joints in self._coordinate_joints.tolist()
             )
         )
+        self._compiled: CompiledPlatform | None = None
+        if len(platforms) == 1:
+            self._compiled = CompiledPlatform(
+                self._closure.solver,
+                make_closure_solver(robot),
+                self._coordinate_joints[0].tolist(),
+                has_rates=self._rates.conversions == (ChartRates,) and not others,
+            )
 
     def joint_positions(
         self, pose: PlatformInput, seed: ArrayLike | None = None, other_joints: OtherJointInput | None = None
@@ -105,6 +112,10 @@ class PlatformKinematics:
         SingularModelError
             A leg does not reach the pose, or is singular there.
         """
+        if self._compiled is not None and other_joints is None:
+            q = self._compiled.joint_positions(pose, seed)
+            if q is not None:
+                return q
         poses = self._arguments.check_poses(pose)
         return self._closure.close_legs(poses, seed, self._arguments.check_other_joints(other_joints).positions)
 
@@ -176,6 +187,10 @@ class PlatformKinematics:
         InvalidInputError, SingularModelError
             As `Dynamics.expand_positions`.
         """
+        if self._compiled is not None:
+            pose = self._compiled.pose(q)
+            if pose is not None:
+                return pose
         x = self._dynamics.expand_positions(q)[..., self._coordinate_joints]
         return self._arguments.by_platform(pose_from_coordinates(x), 2)
 
@@ -265,6 +280,27 @@ class PlatformKinematics:
         """
         x, rates, _ = self._platform_rates(motion)
         return self._arguments.by_platform(self._rates.twist(x, rates))
+
+    def _attempt_motor_motion(
+        self,
+        pose: PlatformInput,
+        twist: PlatformInput | None,
+        acceleration: PlatformInput | None,
+        seed: ArrayLike | None,
+        other_joints: OtherJointInput | None,
+    ) -> tuple[Array, ...] | None:
+        """Return q (all joints,), qd and qdd (n,) of one sample by CompiledPlatform, None where it has no result."""
+        if self._compiled is None or other_joints is not None:
+            return None
+        q = self._compiled.joint_positions(pose, seed)
+        if q is None:
+            return None
+        twists = self._arguments.check_screws("twist", twist)
+        accelerations = self._arguments.check_screws("acceleration", acceleration)
+        if twists.ndim > 2 or accelerations.ndim > 2:
+            return None
+        rates = self._compiled.motor_rates(q, twists, accelerations)
+        return None if rates is None else (q, *rates)
 
     def _motion(
         self,

@@ -29,7 +29,10 @@ from robot_dynamics.newton_euler.linear import solve_each
 from robot_dynamics.newton_euler.screw import apply, apply_transposed
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, ScalarArray
+
+POSE_TOLERANCE = 1e-9
+"""Largest difference of two equal poses [characteristic lengths, rad]."""
 
 
 def check_coordinate(name: str, free: Collection[str]) -> None:
@@ -40,19 +43,19 @@ def check_coordinate(name: str, free: Collection[str]) -> None:
         raise InvalidInputError(f"the legs do not leave {name} of the platform free, only {', '.join(free)}")
 
 
-def coordinates_from_pose(pose: Array, near: Array | None = None) -> Array:
+def coordinates_from_pose(pose: ScalarArray, near: ScalarArray | None = None) -> ScalarArray:
     """Return coordinates x, y, z, yaw, pitch, roll (..., 6) [m, rad] of poses (..., 4, 4).
 
-    near: (..., 6) coordinates; the angles nearest to these are returned. Default: pitch within ±90°.
+    near: (..., 6) coordinates; the angles nearest to these are returned. Default: pitch within ±90°. For symbols too.
     """
     R = np.asarray(pose)[..., :3, :3]
     angles = angles_from_rotation(R) if near is None else nearest_angles(R, near[..., 3:])
     return np.concatenate(np.broadcast_arrays(pose[..., :3, 3], angles), axis=-1)
 
 
-def pose_from_coordinates(x: Array) -> Array:
-    """Return poses (..., 4, 4) of coordinates x, y, z, yaw, pitch, roll (..., 6) [m, rad]."""
-    pose = np.zeros((*x.shape[:-1], 4, 4))
+def pose_from_coordinates(x: ScalarArray) -> ScalarArray:
+    """Return poses (..., 4, 4) of coordinates x, y, z, yaw, pitch, roll (..., 6) [m, rad]. For symbols too."""
+    pose = np.zeros((*x.shape[:-1], 4, 4), dtype=np.result_type(float, x))
     pose[..., :3, :3] = rotation_from_angles(x[..., 3:])
     pose[..., :3, 3] = x[..., :3]
     pose[..., 3, 3] = 1

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.joint_samples import JointSample
     from robot_dynamics.recordings.message_layouts import JointNumbers
     from robot_dynamics.recordings.position_jumps import PositionJump
+    from robot_dynamics.recordings.recording_parts import RecordingPart
     from robot_dynamics.recordings.sample_bands import (
         Band,
         Interval,
@@ -76,6 +77,7 @@ class Resampler:
     names : names of the k joints, in the order of the columns of the segments.
     statistics : counts of skipped samples, updated while reading.
     rate : samples per second of the grid; None: as recorded.
+    part : the part of a recording whose samples are given, with the step, the grid and the clock of the recording.
 
     Attributes
     ----------
@@ -83,13 +85,22 @@ class Resampler:
     finished : segments that a clock jump ended; the caller takes and clears them.
     """
 
-    def __init__(self, names: Sequence[str], statistics: SampleStatistics, rate: float | None = None) -> None:
+    def __init__(
+        self,
+        names: Sequence[str],
+        statistics: SampleStatistics,
+        rate: float | None = None,
+        part: RecordingPart | None = None,
+    ) -> None:
         self.names = tuple(names)
         self.statistics = statistics
         self.step = None if rate is None else 1 / rate
+        self._anchor: float | None = None  # a point of the grid [s], for the first segment
+        if part is not None:
+            self.step, self._anchor = part.step, part.anchor
         self.finished: list[SignalSegment] = []
-        self._layouts = MessageLayouts(self.names, statistics)
-        self._clock = Clock(statistics)
+        self._layouts = MessageLayouts(self.names, statistics, () if part is None else part.sources)
+        self._clock = Clock(statistics, None if part is None else part.offset)
         self._streams: dict[JointNumbers, SampleStream] = {}  # by the joints of a message
         self._rows: dict[JointNumbers, list[SampleRow]] = {}  # with known times
         self._new_rows = 0  # since the last `drain`
@@ -132,6 +143,11 @@ class Resampler:
     def pending_rows(self) -> int:
         """Rows that are not on the grid yet, or wait for their times or for joints without messages."""
         return sum(map(len, self._rows.values())) + sum(map(len, self._streams.values()))
+
+    @property
+    def sources(self) -> dict[int, str]:
+        """{number of a joint: the topic that it is read from}."""
+        return self._layouts.sources
 
     @property
     def offset(self) -> int | None:
@@ -235,6 +251,9 @@ class Resampler:
         """The segment from start to end [s]; None where the grid has no new point there."""
         is_continuation = self._end is not None and start <= self._end + 1e-6 * step
         first = self._end + step if self._end is not None and is_continuation else start
+        if self._anchor is not None:
+            first = self._anchor + step * np.ceil((start - self._anchor) / step - 1e-3)
+            self._anchor = None
         size = _grid_size(first, end, step)
         if size < 1:
             return None

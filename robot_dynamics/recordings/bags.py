@@ -6,7 +6,7 @@ ROS is not needed: `rosbags` reads complete files, and `damaged_bags` reads file
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import ModuleType
@@ -22,8 +22,10 @@ from robot_dynamics.recordings.damaged_bags import (
     read_damaged_sqlite,
     shorten_error,
 )
+from robot_dynamics.recordings.decompression import MIN_MESSAGE_LIMIT, bound_chunks, unpack_zstd
 from robot_dynamics.recordings.joint_samples import sample_of_joint_state
 from robot_dynamics.recordings.odometry import OdometryReader
+from robot_dynamics.recordings.unpacked_bags import unpack_bag
 
 if TYPE_CHECKING:
     from robot_dynamics.recordings.joint_samples import JointSample
@@ -35,8 +37,13 @@ STORAGE_SUFFIXES = (".mcap", ".db3")
 
 
 def import_rosbag2() -> ModuleType:
-    """The module of the package `rosbags` that reads and writes bags. Raises MissingPackageError."""
-    return import_optional("rosbags.rosbag2", "reading or writing a bag")
+    """The module of the package `rosbags` that reads and writes bags, which unpacks chunks to a bounded size.
+
+    Raises MissingPackageError.
+    """
+    module = import_optional("rosbags.rosbag2", "reading or writing a bag")
+    bound_chunks()
+    return module
 
 
 def load_typestore() -> Any:  # of rosbags, which may be missing
@@ -78,6 +85,9 @@ class Bag:
         import_rosbag2()  # first, so that a missing package is not reported as a damaged file
         self.path = path
         self.notes: list[str] = []
+        self._unpacked = unpack_bag(path, self.add_note) if path.is_dir() else None  # removed with this object
+        self._folder = path if self._unpacked is None else self._unpacked.folder
+        self._has_packed_messages = self._unpacked is not None and self._unpacked.has_packed_messages
         self._files = self._readable_parts()
         self._damaged = {file for file in self._files if _is_damaged(file, self.add_note)}
         self.topics: dict[str, str] = {}
@@ -89,10 +99,10 @@ class Bag:
 
     def _readable_parts(self) -> list[Path]:
         """The path itself, or the files of a folder whose metadata.yaml cannot be used."""
-        error = _read_error(self.path) if self.path.is_dir() else None
+        error = _read_error(self._folder) if self._folder.is_dir() else None
         if error is None:
-            return [self.path]
-        files = _storage_files(self.path)
+            return [self._folder]
+        files = _storage_files(self._folder)
         if not files:
             suffixes = ", ".join(STORAGE_SUFFIXES)
             raise RecordingError(f"{self.path} is no bag: it has neither metadata.yaml nor files {suffixes}")
@@ -133,20 +143,40 @@ class Bag:
             raise RecordingError(f"{self.path}: the base of the robot moves, so that odometry is needed: {remedy}")
         return topics
 
-    def samples(self, topics: Collection[str], base: str | None = None) -> Iterator[JointSample]:
+    def time_span(self) -> tuple[int, int] | None:
+        """Times of recording [ns] of the first message, and after the last.
+
+        None of a bag that is not complete, or had to be unpacked: each part of it would be unpacked again.
+        """
+        is_unpacked = self._unpacked is not None and not self._has_packed_messages
+        if len(self._files) != 1 or self._damaged or self.notes or is_unpacked:
+            return None
+        with import_rosbag2().Reader(self._files[0]) as reader:
+            return int(reader.start_time), int(reader.end_time)
+
+    def samples(
+        self,
+        topics: Collection[str],
+        base: str | None = None,
+        *,
+        begin: int | None = None,
+        end: int | None = None,
+    ) -> Generator[JointSample, None, None]:
         """Yield the joint samples of topics, in the order of the bag.
 
-        base: name of the base link, whose motion topics of odometry contain. Raises RecordingError where they contain
-        the motion of another link.
+        base: name of the base link, whose motion topics of odometry contain; begin, end: times of recording [ns] of
+        the messages, `end` not included, for complete bags alone. Raises RecordingError where topics of odometry
+        contain the motion of another link.
         """
         typestore = load_typestore()
         odometry = OdometryReader(base or "")
         unreadable = 0
-        for raw in self._messages(topics):
+        for raw in self._messages(topics, begin, end):
             kind = self.topics[raw.topic]
             try:
-                message = typestore.deserialize_cdr(raw.data, kind)
-            except Exception:  # numpy, struct and text decoding raise different errors for damaged bytes
+                data = unpack_zstd(raw.data, MIN_MESSAGE_LIMIT) if self._has_packed_messages else raw.data
+                message = typestore.deserialize_cdr(data, kind)
+            except Exception:  # numpy, struct, zstd and text decoding raise different errors for damaged bytes
                 unreadable += 1
                 continue
             convert = odometry.sample if kind == ODOMETRY else sample_of_joint_state
@@ -154,14 +184,16 @@ class Bag:
         if unreadable:
             self.add_note(f"{unreadable} messages are damaged and were skipped")
 
-    def _messages(self, topics: Collection[str]) -> Iterator[RawMessage]:
+    def _messages(self, topics: Collection[str], begin: int | None, end: int | None) -> Iterator[RawMessage]:
         for file in self._files:
             if file in self._damaged:
                 yield from (raw for raw in _read_damaged(file, self.add_note) if raw.topic in topics)
             else:
-                yield from self._read_complete(file, topics)
+                yield from self._read_complete(file, topics, begin, end)
 
-    def _read_complete(self, file: Path, topics: Collection[str]) -> Iterator[RawMessage]:
+    def _read_complete(
+        self, file: Path, topics: Collection[str], begin: int | None, end: int | None
+    ) -> Iterator[RawMessage]:
         """Yield the messages of a file that `rosbags` opens; where reading fails, a note is added."""
         count = 0
         with ExitStack() as stack:
@@ -170,11 +202,16 @@ class Bag:
             if not connections:
                 return
             try:
-                for connection, receive_time, data in reader.messages(connections):
+                for connection, receive_time, data in reader.messages(connections, begin, end):
                     yield RawMessage(connection.topic, connection.msgtype, receive_time, data)
                     count += 1
             except Exception as error:
                 self.add_note(f"{file.name} breaks off after {count} messages ({shorten_error(error)})")
+                return
+            stated = sum(connection.msgcount for connection in connections)
+            if begin is None and end is None and count != stated:
+                # `rosbags` leaves messages out that lie outside the times which the index states for their chunk
+                self.add_note(f"{file.name} is damaged: it states {stated} messages, and {count} can be read")
 
     def _topic_counts(self, file: Path) -> list[TopicCount]:
         if file not in self._damaged:

@@ -18,15 +18,15 @@ class Clock:
 
     Attributes
     ----------
-    offset : added to stamps [ns] to get times; None before the first sample.
+    offset : added to stamps [ns] to get times; None before the first sample, if it is not known.
     jumped : whether the clock was set anew before the last sample.
     """
 
-    def __init__(self, statistics: SampleStatistics) -> None:
-        self.offset: int | None = None
+    def __init__(self, statistics: SampleStatistics, offset: int | None = None) -> None:
+        self.offset = offset
         self.jumped = False
         self._statistics = statistics
-        self._latest = 0
+        self._latest: int | None = None
         self._receive_time = 0
 
     def time(self, sample: JointSample) -> float:
@@ -38,8 +38,10 @@ class Clock:
             stamp = sample.receive_time
         if self.offset is None:
             self.offset = -stamp
+        if self._latest is None:
+            self._latest = stamp + self.offset
             self._receive_time = sample.receive_time
-            self._statistics.origin = stamp
+            self._statistics.origin = -self.offset
         time = stamp + self.offset
         elapsed = sample.receive_time - self._receive_time
         ahead = time - self._latest

@@ -7,13 +7,17 @@ where each file ends.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 from urllib.parse import quote
 
+from robot_dynamics.errors import RecordingError
 from robot_dynamics.optional_packages import import_optional
+from robot_dynamics.recordings.decompression import CHUNK_DECOMPRESSORS
 from robot_dynamics.recordings.sqlite_pages import SqlitePages
 
 if TYPE_CHECKING:
@@ -48,15 +52,46 @@ def read_damaged_mcap(path: Path, note: Callable[[str], None]) -> Iterator[RawMe
     note: called with a sentence on where the file ends. Raises MissingPackageError.
     """
     count = 0
-    reader = import_optional("mcap.reader", "reading an MCAP file that breaks off")
+    mcap = import_optional("mcap.stream_reader", "reading an MCAP file that breaks off")
     with path.open("rb") as file:
         try:
-            for schema, channel, message in reader.NonSeekingReader(file).iter_messages(log_time_order=False):
-                yield RawMessage(channel.topic, schema.name if schema else "", message.log_time, message.data)
+            for message in _messages_of_records(_mcap_records(mcap, file, path.stat().st_size)):
+                yield message
                 count += 1
         # decompression, struct and text decoding raise errors of different families where bytes are missing
         except Exception as error:
             note(f"{path.name} breaks off after {count} messages, at byte {file.tell()} ({shorten_error(error)})")
+
+
+def _mcap_records(mcap: ModuleType, file: BinaryIO, size: int) -> Iterator[Any]:  # of mcap, which may be missing
+    """Yield the records of an MCAP file of a size [bytes], and those of its chunks in their place."""
+    for record in mcap.StreamReader(file, emit_chunks=True, record_size_limit=size).records:
+        if isinstance(record, mcap.Chunk):
+            unpack = CHUNK_DECOMPRESSORS.get(record.compression)
+            if unpack is None:
+                raise RecordingError(f"chunks are compressed by {record.compression[:30]!r}, which cannot be read")
+            content = unpack(record.data, record.uncompressed_size)
+            yield from mcap.breakup_chunk(replace(record, compression="", data=content))
+        else:
+            yield record
+
+
+def _messages_of_records(records: Iterable[Any]) -> Iterator[RawMessage]:
+    """Yield the messages of records of MCAP. Raises RecordingError where the topic of a message is missing."""
+    schemas: dict[int, str] = {0: ""}
+    channels: dict[int, tuple[str, str]] = {}
+    for record in records:
+        match type(record).__name__:
+            case "Schema":
+                schemas[record.id] = record.name
+            case "Channel":
+                if record.schema_id not in schemas:
+                    raise RecordingError(f"schema {record.schema_id} of {record.topic[:100]!r} is missing")
+                channels[record.id] = (record.topic, schemas[record.schema_id])
+            case "Message":
+                if record.channel_id not in channels:
+                    raise RecordingError(f"channel {record.channel_id} of a message is missing")
+                yield RawMessage(*channels[record.channel_id], record.log_time, record.data)
 
 
 def read_damaged_sqlite(path: Path, note: Callable[[str], None]) -> Iterator[RawMessage]:
@@ -81,7 +116,7 @@ def read_damaged_sqlite(path: Path, note: Callable[[str], None]) -> Iterator[Raw
 
 def _messages_of_pages(name: str, pages: SqlitePages, note: Callable[[str], None]) -> Iterator[RawMessage]:
     """Yield the messages of all remaining leaves, by their rowid."""
-    cells = sorted(pages.cells())
+    cells = sorted(set(pages.cells()))  # a damaged page may point to a cell many times
     topics = _topics(pages, cells)
     count = 0
     incomplete = 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.expression import evaluate, format_number
+from robot_dynamics.model.formats.mdh_yaml.document import DOCUMENT_END
 from robot_dynamics.recordings.documents import read_document
 
 if TYPE_CHECKING:
@@ -224,7 +225,12 @@ class _DrivesReader:
 def write_drives(drives: Drives) -> str:
     """The YAML text of drives, for `load_drives` to read."""
     joint_names = drives.joint_names
-    lines = ["# Conversion from measured signals of motors to the joints of the model.", "format: 1"]
+    lines = [
+        "%YAML 1.2",
+        "---",
+        "# Conversion from measured signals of motors to the joints of the model.",
+        "format: 1",
+    ]
     if drives.names != joint_names or not np.array_equal(drives.ratios, np.eye(len(drives.names))):
         lines.append("motors:")
         for name, row in zip(drives.names, drives.ratios, strict=True):
@@ -247,7 +253,7 @@ def write_drives(drives: Drives) -> str:
         table_options = {key: value for key, value in vars(drives.tables).items() if value is not None}
         for key, value in table_options.items():
             lines.append(f"  {key}: {format_number(value) if key == 'rate' else json.dumps(value)}")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, DOCUMENT_END]) + "\n"
 
 
 def _format_mapping(names: Iterable[str], values: Iterable[float], default: float | None = None) -> str:

@@ -88,12 +88,13 @@ class Motion:
             recorded=_concatenate(self.recorded, other.recorded),
         )
 
-    def slice_samples(self, begin: int, end: int) -> Motion:
-        """The samples from `begin` to `end`, without the last."""
-        rows = slice(begin, end)
+    def slice_samples(self, begin: int, end: int, stride: int = 1) -> Motion:
+        """Each `stride`-th sample from `begin` to `end`, without the last."""
+        rows = slice(begin, end, stride)
         return replace(
             self,
             time=self.time + begin / self.rate,
+            rate=self.rate / stride,
             q=self.q[rows],
             qd=self.qd[rows],
             qdd=self.qdd[rows],
@@ -101,7 +102,7 @@ class Motion:
             unfiltered_efforts=self.unfiltered_efforts[rows],
             moving=self.moving[rows],
             base=slice_base(self.base, rows),
-            recorded=None if self.recorded is None else self.recorded[rows],
+            recorded=None if self.recorded is None or stride > 1 else self.recorded[rows],
             jump=self.jump if begin == 0 else None,
         )
 

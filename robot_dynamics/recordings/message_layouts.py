@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from robot_dynamics.errors import RecordingError
@@ -26,11 +26,13 @@ class MessageLayout(NamedTuple):
 class MessageLayouts:
     """Matches the names of messages to joints; each joint is read from the first topic that has it."""
 
-    def __init__(self, names: Sequence[str], statistics: SampleStatistics) -> None:
+    def __init__(
+        self, names: Sequence[str], statistics: SampleStatistics, sources: Iterable[tuple[int, str]] = ()
+    ) -> None:
         self._joint_numbers = {name: number for number, name in enumerate(names)}
         self._statistics = statistics
         self._cache: dict[tuple[str, tuple[str, ...]], MessageLayout] = {}  # by topic and names of a message
-        self._sources: dict[int, str] = {}  # topic of each joint
+        self.sources: dict[int, str] = dict(sources)  # topic of each joint
 
     def layout(self, sample: JointSample) -> MessageLayout:
         """The layout of messages with the topic and names of this one; RecordingError where a joint is in it twice."""
@@ -47,9 +49,9 @@ class MessageLayouts:
             joint = self._joint_numbers.get(name)
             if joint is None:
                 self._statistics.note_joint("joints that the model does not have", name)
-            elif self._sources.setdefault(joint, sample.source) != sample.source:
+            elif self.sources.setdefault(joint, sample.source) != sample.source:
                 self._statistics.counts["second_source"] += 1
-                sentence = f"joints of {sample.source} that come from {self._sources[joint]} already"
+                sentence = f"joints of {sample.source} that come from {self.sources[joint]} already"
                 self._statistics.note_joint(sentence, name)
             elif joint in columns:
                 raise RecordingError(f"{sample.source}: joint {name!r} is named twice in one message")

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 MIN_JUMP = 0.01  # [rad or m]
 MIN_ACCELERATION = 150.0  # [rad/s² or m/s²] that a motion would need to explain a jump
 NOISE_RATIO = 12.0  # of a jump over the usual third difference of positions
+MIN_CHANGES = 100  # third differences that are not 0, of which a median is taken: more than those of a few jumps
+ROUNDING = 1e-9  # third differences that are 0, relative to the largest
 MAX_ROWS = 6  # steps over which interpolation may spread a jump
 MAX_RINGING = 0.25  # of the step after a jump, relative to the jump: interpolation rings
 NEIGHBOUR_DURATION = 0.08  # [s] before and after a jump that tells the velocity
@@ -117,8 +119,7 @@ def _find_jumps(position: Array, rate: float) -> Iterator[tuple[int, int, Array,
     changes = np.abs(np.diff(steps, axis=0))
     if len(changes) < 2 * neighbours:
         return
-    # the change of a smooth motion from step to step changes little itself
-    noise = np.median(np.abs(np.diff(position, 3, axis=0)), axis=0)
+    noise = np.array([_usual_change(column) for column in np.abs(np.diff(position, 3, axis=0)).T])
     threshold = np.maximum(0.25 * MIN_JUMP, NOISE_RATIO * noise)
     end = neighbours
     for first in (1 + np.flatnonzero((changes > threshold).any(axis=1))).tolist():
@@ -129,6 +130,17 @@ def _find_jumps(position: Array, rate: float) -> Iterator[tuple[int, int, Array,
             width, sizes, velocities = jump
             end = first + width + neighbours
             yield first + 1, first + width, sizes, velocities
+
+
+def _usual_change(third_differences: Array) -> float:
+    """Median of the sizes (M,) of third differences: the change of a smooth motion from step to step changes little.
+
+    Quantised positions of a joint at rest do not change at all. They count only where nearly all are of that kind:
+    their steps in motion are no jumps.
+    """
+    largest = float(third_differences.max())
+    changing = third_differences[third_differences > ROUNDING * largest]
+    return float(np.median(changing if len(changing) >= MIN_CHANGES else third_differences))
 
 
 def _jump_at(

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.alignment import resample_samples
+from robot_dynamics.recordings.alignment import Resampler, resample_samples
 from robot_dynamics.recordings.bags import Bag
 from robot_dynamics.recordings.joint_motions import filter_motions
-from robot_dynamics.recordings.joint_samples import JointSample
 from robot_dynamics.recordings.odometry import BASE_SIGNALS
 from robot_dynamics.recordings.recorded_duration import count_duration
+from robot_dynamics.recordings.recording_parts import IndivisibleRecordingError, PartReader
 from robot_dynamics.recordings.sample_range import WHOLE
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
 from robot_dynamics.recordings.tables import Table
@@ -23,10 +23,12 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.alignment import SignalSegment
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
+    from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.recording_parts import RecordingPart
     from robot_dynamics.recordings.sample_range import SampleRange
 
-ProgressWrapper: TypeAlias = Callable[[Iterable[JointSample]], Iterable[JointSample]]
-"""Wraps the iterator over messages, to show progress."""
+ProgressWrapper: TypeAlias = Callable[[Iterable[Any]], Iterable[Any]]
+"""Wraps an iterator with an item for each message, to show progress."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,7 @@ class Recording:
     drives : conversion from the recorded signals to the joints.
     base : name of the base link where the base moves, and one of the topics has its odometry; else None.
     sample_range : the part of the recording that is used.
+    part : the part of a long recording that `divide_recording` made; None: the whole recording.
     """
 
     source: Bag | Table
@@ -47,11 +50,29 @@ class Recording:
     drives: Drives
     base: str | None = None
     sample_range: SampleRange = WHOLE
+    part: RecordingPart | None = None
 
     def __reduce__(self) -> tuple[Callable[..., Recording], tuple[object, ...]]:
         """Pickled as its path: another process opens the files itself."""
         topics = () if isinstance(self.source, Table) else self.topics
-        return open_recording, (self.source.path.absolute(), self.drives, topics, self.base, self.sample_range)
+        return open_recording, (
+            self.source.path.absolute(),
+            self.drives,
+            topics,
+            self.base,
+            self.sample_range,
+            self.part,
+        )
+
+    @property
+    def signal_names(self) -> tuple[str, ...]:
+        """Names of the signals: of the drives, and of the base where it moves."""
+        return self.drives.names + (BASE_SIGNALS if self.base is not None else ())
+
+    @property
+    def time_range(self) -> tuple[float, float]:
+        """Times [s] of the samples that belong to the recording, the second one not included; others are context."""
+        return (float("-inf"), float("inf")) if self.part is None else (self.part.start, self.part.stop)
 
     @property
     def name(self) -> str:
@@ -97,8 +118,7 @@ class Recording:
         statistics = SampleStatistics() if statistics is None else statistics
         samples = self.sample_range.select(self.source.samples(self.topics, self.base), statistics)
         samples = count_duration(samples, statistics)
-        names = self.drives.names + (BASE_SIGNALS if self.base is not None else ())
-        return resample_samples(samples if progress is None else progress(samples), names, statistics, rate)
+        return resample_samples(samples if progress is None else progress(samples), self.signal_names, statistics, rate)
 
     def motions(
         self,
@@ -108,7 +128,7 @@ class Recording:
         rate: float | None = None,
         progress: ProgressWrapper | None = None,
     ) -> Iterator[Motion]:
-        """Yield the motions of the joints, filtered, in pieces that fit the memory.
+        """Yield the motions of the joints, filtered, in pieces that fit the memory; of a part also of its context.
 
         Parameters
         ----------
@@ -122,6 +142,9 @@ class Recording:
             As for `signal_segments`; and at the end, where no motion is left after filtering.
         """
         statistics = SampleStatistics() if statistics is None else statistics
+        if self.part is not None:
+            yield from self._part_motions(self.part, statistics, cutoff, progress)
+            return
         is_empty = True
         for motion in filter_motions(self.signal_segments(statistics, rate, progress), self.drives, statistics, cutoff):
             is_empty = False
@@ -132,6 +155,25 @@ class Recording:
             reason = "; ".join([*self.notes, *statistics.sentences]) or nothing
             raise RecordingError(f"{self.name}: no samples are left. {reason}")
 
+    def _part_motions(
+        self, part: RecordingPart, statistics: SampleStatistics, cutoff: float | None, progress: ProgressWrapper | None
+    ) -> Iterator[Motion]:
+        """Yield the motions of a part and its context. Raises IndivisibleRecordingError where it depends on others."""
+        assert isinstance(self.source, Bag), "tables have no parts"
+        reader = PartReader(part, Resampler(self.signal_names, statistics, part=part), statistics)
+        begin, end = part.read_range
+        samples: Iterable[JointSample] = self.source.samples(self.topics, self.base, begin=begin, end=end)
+        if part.begin is None:
+            samples = self.sample_range.select(samples, statistics)
+        samples = samples if progress is None else progress(samples)
+        try:
+            yield from filter_motions(reader.segments(samples), self.drives, statistics, cutoff)
+        except RecordingError as error:
+            raise IndivisibleRecordingError(str(error)) from None
+        if self.source.notes:
+            raise IndivisibleRecordingError(self.source.notes[0])
+        reader.restore_counts()
+
 
 def open_recording(
     path: str | Path,
@@ -139,6 +181,7 @@ def open_recording(
     topics: Sequence[str] = (),
     base: str | None = None,
     sample_range: SampleRange = WHOLE,
+    part: RecordingPart | None = None,
 ) -> Recording:
     """Open a recording.
 
@@ -149,6 +192,7 @@ def open_recording(
     topics : topics to read; empty: all topics of joint states.
     base : name of the base link where the base moves: then a topic of odometry is read too.
     sample_range : the part of the recording that is used.
+    part : as in Recording.
 
     Raises
     ------
@@ -164,7 +208,7 @@ def open_recording(
         joint_topics = source.joint_topics([topic for topic in topics if topic not in base_topics])
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
-    return Recording(source, (*joint_topics, *base_topics), drives, base, sample_range)
+    return Recording(source, (*joint_topics, *base_topics), drives, base, sample_range, part)
 
 
 def _open_source(path: Path, drives: Drives) -> Bag | Table:

@@ -20,6 +20,7 @@ MIN_SAMPLES = 8  # samples that are needed to measure a step
 MAX_STEPS_KEPT = 1000  # latest steps of a band, whose typical value is used
 BURST_RATIO = 2.0  # mean step over median step, beyond which stamps come in bursts and the mean is the step
 MIN_BURST_SAMPLES = 50  # samples that are needed to detect bursts
+MAX_MAGNITUDE = 1e9  # of positions, velocities and efforts [SI units]; squares of their sums keep all digits
 MIN_STEP_RATIO = 0.3  # of a step: the slope of a spline through two closer samples would be their noise
 
 Interval: TypeAlias = tuple[float, float]
@@ -173,7 +174,7 @@ def _merge_rows(
 
 
 def _valid_rows(band: Band, statistics: SampleStatistics) -> Band:
-    """The rows that are finite and later than all before them."""
+    """The rows that are finite, not too large to compute with, and later than all before them."""
     times = band.times
     late = np.zeros(len(times), dtype=bool)
     late[1:] = times[1:] <= np.maximum.accumulate(times)[:-1]
@@ -181,10 +182,13 @@ def _valid_rows(band: Band, statistics: SampleStatistics) -> Band:
     repeated[1:] &= np.diff(times) == 0
     measured = np.isfinite(band.effort).any(axis=0)
     finite = np.isfinite(band.position).all(axis=1) & np.isfinite(band.effort[:, measured]).all(axis=1)
+    # nan, of values that were not measured, is not large
+    unbounded = np.any([(np.abs(values) > MAX_MAGNITUDE).any(axis=1) for values in band.signals], axis=0) & finite
     statistics.counts["duplicates"] += int(repeated.sum())
     statistics.counts["out_of_order"] += int((late & ~repeated).sum())
     statistics.counts["not_finite"] += int((~finite & ~late).sum())
-    return band.select(finite & ~late)
+    statistics.counts["unbounded"] += int((unbounded & ~late).sum())
+    return band.select(finite & ~unbounded & ~late)
 
 
 def drop_close_samples(band: Band, typical: float, statistics: SampleStatistics) -> Band:

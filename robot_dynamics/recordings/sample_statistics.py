@@ -1,5 +1,7 @@
 """Counts of the samples of a recording that were skipped or replaced, for the notes of each report."""
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -32,10 +34,10 @@ DESCRIPTIONS: dict[CountName, str] = {
     "clock_jumps": "clock jumps; the samples after each jump form a separate segment",
     "position_jumps": "jumps of positions that no motion explains; the filters restart after each",
     "gaps": "gaps; no samples are interpolated across a gap, and the filters restart after it",
-    "not_finite": "rows have a position or effort that is nan or infinite and were skipped",
+    "not_finite": "rows have a position or effort that is missing, nan or infinite, and were skipped",
     "too_short": "samples are in segments too short to be filtered and were skipped",
     "too_close": "messages follow the previous message by less than a third of the usual step and were skipped",
-    "unbounded": "samples have positions or efforts too large to compute with and were skipped",
+    "unbounded": "samples have positions, velocities or efforts too large to compute with and were skipped",
     "edges": "samples are at the ends of segments, where the filter has data on one side only, and were skipped",
     "second_source": "values of joints come from a second topic and were skipped",
     "zero_stamp": "messages have stamp zero; the time of recording is used instead",
@@ -58,7 +60,8 @@ class SampleStatistics:
     samples : samples after resampling.
     recorded_duration : time [s] that the messages cover, without pauses of more than a second.
     joints : {sentence: names of the joints that it holds for}; a dict of names to None keeps their order.
-    sampling_times : {topic or file: largest delay of its stamps, period of its sender [s]}, where stamps jitter.
+    sampling_times : {topic: largest delay of its stamps, period of its sender [s]}, where stamps jitter; the topic of a
+        table is empty.
     stray_start : sentence on samples at the start that were skipped for their stamps; empty: none.
     """
 
@@ -96,13 +99,25 @@ class SampleStatistics:
             f"the first {skipped}, and the stamps of the messages that follow begin at {first_stamp:.13g} s"
         )
 
+    def append(self, later: SampleStatistics) -> None:
+        """Add the counts of a later part of the same recording."""
+        self.counts.update(later.counts)
+        self.messages += later.messages
+        self.samples += later.samples
+        self.recorded_duration += later.recorded_duration
+        for sentence, names in later.joints.items():
+            for name in names:
+                self.note_joint(sentence, name)
+        for source, (delay, period) in later.sampling_times.items():
+            self.note_sampling_times(source, delay, period)
+
     @property
     def sentences(self) -> list[str]:
         """Notes for a report; empty where nothing was skipped or replaced."""
         counted = [f"{self.counts[key]} {sentence}" for key, sentence in DESCRIPTIONS.items() if self.counts[key]]
         jitter = [
-            f"stamps of {source} are up to {1e3 * delay:.3g} ms late; times are those of a sender with a period of "
-            f"{1e3 * period:.3g} ms"
+            f"stamps{f' of {source}' if source else ''} are up to {1e3 * delay:.3g} ms late; times are those of a "
+            f"sender with a period of {1e3 * period:.3g} ms"
             for source, (delay, period) in self.sampling_times.items()
         ]
         stray = [self.stray_start] if self.stray_start else []

@@ -8,12 +8,14 @@ leaves, the cells of all remaining leaves are readable. Source: "Database File F
 sqlite.org.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 LEAF_PAGE_TYPE = 0x0D  # a leaf page of a table
 HEADER_SIZE = 100  # bytes of the file's own header, on page 1
 MIN_PAGE_SIZE = 512  # [bytes]
+MAX_RELEASES = 8  # of an overflow page by false rows; with more, false rows would read a long chain without end
 VALUE_SIZES = (0, 1, 2, 3, 4, 6, 8, 8, 0, 0)  # [bytes] of the serial types 0 to 9
 
 Value: TypeAlias = int | bytes | str | None
@@ -51,6 +53,8 @@ class SqlitePages:
         self.usable = self.size - header[20]
         self.declared_count = int.from_bytes(header[28:32], "big")
         self.count = file.seek(0, 2) // self.size
+        self._owners: dict[int, Cell] = {}  # rows of overflow pages, each of which belongs to one row
+        self._releases: Counter[int] = Counter()  # by overflow page
 
     def page(self, number: int) -> bytes:
         """The bytes of a page; the first has number 1."""
@@ -83,15 +87,32 @@ class SqlitePages:
         Raises ValueError where a part of the row is lost.
         """
         page = self.page(cell.page)
+        visited: set[int] = set()
         try:
             size, position = _varint(page, cell.offset)
             _, position = _varint(page, position)  # the rowid
-            return _values(self._payload(page, position, size))
+            return _values(self._payload(cell, page, position, size, visited))
         except IndexError:
+            self._release(visited)
             raise ValueError("the row is incomplete") from None
+        except ValueError:
+            self._release(visited)
+            raise
 
-    def _payload(self, page: bytes, start: int, size: int) -> bytes:
-        """The `size` bytes of a row from `start` on its page, and on overflow pages (section 1.6)."""
+    def _release(self, overflow_pages: set[int]) -> None:
+        """Let another row have the overflow pages of a row that cannot be read."""
+        for number in overflow_pages:
+            self._releases[number] += 1
+            if self._releases[number] <= MAX_RELEASES:
+                del self._owners[number]
+
+    def _payload(self, cell: Cell, page: bytes, start: int, size: int, visited: set[int]) -> bytes:
+        """The `size` bytes of a row from `start` on its page, and on overflow pages (section 1.6).
+
+        visited: receives the numbers of the overflow pages.
+        """
+        if size > self.count * self.size:
+            raise ValueError("the row is longer than the file")
         largest = self.usable - 35
         if size <= largest:
             return page[start : start + size]
@@ -104,6 +125,9 @@ class SqlitePages:
         while remaining > 0:
             if not 0 < overflow <= self.count:
                 raise ValueError("the row continues on a page that is lost")
+            if overflow in visited or self._owners.setdefault(overflow, cell) != cell:
+                raise ValueError("the row continues on a page of another row, or on its own again")
+            visited.add(overflow)
             page = self.page(overflow)
             parts.append(page[4 : 4 + min(remaining, self.usable - 4)])
             remaining -= self.usable - 4

@@ -7,16 +7,18 @@ for each motor, and the rows are equally spaced in time.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Collection, Iterator, Sequence
-from itertools import islice
+from collections import Counter
+from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from itertools import islice, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TextIO, TypeAlias
 
 import numpy as np
 
 from robot_dynamics.array_types import Array
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.joint_samples import JointSample
+from robot_dynamics.recordings.messages import NANOSECONDS_PER_SECOND
 
 if TYPE_CHECKING:
     from robot_dynamics.recordings.drives import TableFiles
@@ -24,11 +26,17 @@ if TYPE_CHECKING:
 Field: TypeAlias = Literal["position", "velocity", "effort"]
 Row: TypeAlias = dict[Field | None, Array]  # the numbers (columns,) of a row of each file
 
+SOURCE = ""  # of the samples of a table, in the place of a topic: it has one only, which needs no name
 FIELDS: tuple[Field, ...] = ("position", "velocity", "effort")
 TIME_COLUMNS = ("time", "t", "stamp", "timestamp")
-NANOSECONDS_PER_SECOND = 1e9
+MAX_TIME = 9e9  # [s] whose nanoseconds have 64 bits
+SEPARATORS = {";": "semicolons", "\t": "tabs"}  # that other programs write in the place of commas
+MAX_COLUMN_NAMES = 8  # listed in one note
 MAX_PLAUSIBLE_STEP = 1.0  # [s] between rows; longer steps suggest that times have another unit
-ROWS_PER_CHUNK = 20_000
+MAX_COLUMNS = 10_000  # of a file; robots have tens of joints
+CELLS_PER_CHUNK = 1_000_000  # of each file, in memory at once
+ROWS_PER_CHUNK = 20_000  # at most
+UNDECODED = "\ufffd"
 NO_VALUES = np.zeros(0)
 
 
@@ -62,6 +70,9 @@ class Table:
         self._column_names = {field: _read_column_names(file) for field, file in self.files.items()}
         self.joints = self._find_joints()
         self._columns = {field: self._find_columns(field) for field in FIELDS}
+        self._missing_cells: dict[str, Counter[str]] = {"cells are empty": Counter(), "cells have no number": Counter()}
+        self._skipped_lines: Counter[str] = Counter()  # by the name of the file
+        self._skip_reasons: dict[str, str] = {}
         if tables is None and not self._columns["effort"]:
             names = ", ".join(f"{name}.effort" for name in self.joints)
             self.add_note(f"columns {names[:200]} are needed for efforts, and none of them is there")
@@ -81,9 +92,12 @@ class Table:
         """Raises RecordingError: a table has no odometry."""
         raise RecordingError(f"{self.path} is a table: only a bag has the motion of the base of the robot")
 
-    def samples(self, topics: Collection[str], base: str | None = None) -> Iterator[JointSample]:
+    def samples(self, topics: Collection[str], base: str | None = None) -> Generator[JointSample, None, None]:
         """Yield the joint samples, row by row. Raises RecordingError where times are missing."""
         row_stamp = self._make_row_stamp()
+        for counts in self._missing_cells.values():
+            counts.clear()
+        self._skipped_lines.clear()
         row_number = 0
         rows_without_time = 0
         first_stamp: int | None = None
@@ -98,12 +112,26 @@ class Table:
                 first_stamp = stamp if first_stamp is None else first_stamp
                 last_stamp = stamp
                 position, velocity, effort = (self._signal(row, field) for field in FIELDS)
-                yield JointSample(str(self.path), stamp, 0, self.joints, position, velocity, effort)
+                yield JointSample(SOURCE, stamp, 0, self.joints, position, velocity, effort)
+        self._note_missing_cells()
+        for name, count in self._skipped_lines.items():
+            self.add_note(f"{name}: {count} lines cannot be read and were skipped ({self._skip_reasons[name]})")
         if rows_without_time:
-            self.add_note(f"{rows_without_time} rows have a time that is no finite number and were skipped")
+            self.add_note(
+                f"{rows_without_time} rows have a time that is no finite number, or beyond {MAX_TIME:g} s, and were "
+                "skipped"
+            )
         steps = row_number - rows_without_time - 1
         if first_stamp is not None and steps > 0:
             self._note_implausible_step((last_stamp - first_stamp) / NANOSECONDS_PER_SECOND / steps)
+
+    def _note_missing_cells(self) -> None:
+        for what, counts in self._missing_cells.items():
+            columns = [f"{name} ({count} row{'s' * (count > 1)})" for name, count in counts.items()]
+            if columns:
+                more = len(columns) - MAX_COLUMN_NAMES
+                listed = ", ".join(columns[:MAX_COLUMN_NAMES]) + (f" and {more} more columns" if more > 0 else "")
+                self.add_note(f"{what} and were taken as missing: {listed}")
 
     def _note_implausible_step(self, step: float) -> None:
         if step >= MAX_PLAUSIBLE_STEP:
@@ -128,9 +156,10 @@ class Table:
         """Columns of a field in the order of the joints; fewer than joints where the field is incomplete."""
         if self.tables is not None:
             names = self._column_names.get(field, [])
-            return [names.index(name) for name in self.joints] if names else []
-        names = self._column_names[None]
-        return [names.index(f"{name}.{field}") for name in self.joints if f"{name}.{field}" in names]
+            numbers = _first_columns(names)
+            return [numbers[name] for name in self.joints] if names else []
+        numbers = _first_columns(self._column_names[None])
+        return [numbers[column] for name in self.joints if (column := f"{name}.{field}") in numbers]
 
     def _make_row_stamp(self) -> Callable[[Row, int], int | None]:
         """A function from a row and its number to its stamp [ns], None where the row has none."""
@@ -146,7 +175,7 @@ class Table:
 
         def row_stamp(row: Row, number: int) -> int | None:
             time = row[None][column]
-            return round(time * NANOSECONDS_PER_SECOND) if np.isfinite(time) else None
+            return round(time * NANOSECONDS_PER_SECOND) if abs(time) <= MAX_TIME else None
 
         return row_stamp
 
@@ -159,16 +188,13 @@ class Table:
 
     def _chunks(self) -> Iterator[list[Row]]:
         """Yield lists of rows; nan where a cell has no number."""
-        files = {field: file.open(newline="", encoding="utf-8-sig") for field, file in self.files.items()}
+        files = {field: _open_text(file) for field, file in self.files.items()}
+        largest_width = max(map(len, self._column_names.values()))
+        row_count = max(1, min(ROWS_PER_CHUNK, CELLS_PER_CHUNK // largest_width))
         try:
-            readers = {field: csv.reader(lines) for field, lines in files.items()}
-            for reader in readers.values():
-                next(reader, None)
+            tables = {field: self._rows(field, lines) for field, lines in files.items()}
             while True:
-                parts = {
-                    field: self._numbers(field, list(islice(reader, ROWS_PER_CHUNK)))
-                    for field, reader in readers.items()
-                }
+                parts = {field: self._numbers(field, list(islice(rows, row_count))) for field, rows in tables.items()}
                 count = min(len(part) for part in parts.values())
                 if count != max(len(part) for part in parts.values()):
                     self.add_note("the files have different numbers of rows: rows beyond the shortest were skipped")
@@ -179,6 +205,31 @@ class Table:
             for lines in files.values():
                 lines.close()
 
+    def _rows(self, field: Field | None, lines: TextIO) -> Iterator[list[str]]:
+        """Yield the rows of a file without the first, cut to the width of the first; empty rows for unreadable lines.
+
+        Rows of a file with times are left out where they are unreadable; other files need them, as their rows are
+        equally spaced.
+        """
+        width = len(self._column_names[field])
+        reader = csv.reader(lines)
+        next(reader, None)
+        name = self.files[field].name
+        while True:
+            line_number = reader.line_num
+            try:
+                row = next(reader)
+            except StopIteration:
+                return
+            except csv.Error as error:  # the reader goes on with the next line
+                count = reader.line_num - line_number
+                self._skipped_lines[name] += count
+                self._skip_reasons.setdefault(name, f"the first one is line {line_number + 1}: {error}")
+                if self.tables is not None:
+                    yield from repeat([], count)
+                continue
+            yield row[:width]
+
     def _numbers(self, field: Field | None, rows: list[list[str]]) -> Array:
         """The cells of rows as numbers (len(rows), columns)."""
         width = len(self._column_names[field])
@@ -187,10 +238,27 @@ class Table:
                 return np.array(rows, dtype=float).reshape(-1, width)
             except ValueError:
                 pass
-        padded = ((row + [""] * width)[:width] for row in rows)
-        cells = [[cell if _is_number(cell) else "nan" for cell in row] for row in padded]
-        self.add_note(f"{self.files[field].name}: cells that are no numbers were taken as missing")
+        padded = (row + [""] * (width - len(row)) for row in rows)
+        cells = [
+            [cell if _is_number(cell) else self._missing_cell(field, k, cell) for k, cell in enumerate(row)]
+            for row in padded
+        ]
         return np.array(cells, dtype=float).reshape(-1, width)
+
+    def _missing_cell(self, field: Field | None, column: int, cell: str) -> str:
+        """Count a cell without a number; returns the cell that takes its place."""
+        name = self._column_names[field][column]
+        what = "cells have no number" if cell.strip() else "cells are empty"
+        self._missing_cells[what][name if field is None else f"{self.files[field].name}: {name}"] += 1
+        return "nan"
+
+
+def _first_columns(names: Sequence[str]) -> dict[str, int]:
+    """{name: number of the first column with it}."""
+    numbers: dict[str, int] = {}
+    for number, name in enumerate(names):
+        numbers.setdefault(name, number)
+    return numbers
 
 
 def _table_paths(folder: Path, tables: TableFiles) -> dict[Field | None, Path]:
@@ -206,14 +274,30 @@ def _table_paths(folder: Path, tables: TableFiles) -> dict[Field | None, Path]:
 def _read_column_names(file: Path) -> list[str]:
     """The names of the columns, in the first line. Raises RecordingError."""
     try:
-        with file.open(newline="", encoding="utf-8-sig") as lines:
+        with _open_text(file) as lines:
             header = next(csv.reader(lines), [])
-    except (OSError, UnicodeError, csv.Error) as error:
+    except (OSError, csv.Error) as error:
         raise RecordingError(f"{file} cannot be read as CSV: {error}") from None
     names = [name.strip() for name in header]
+    if len(names) > MAX_COLUMNS:
+        raise RecordingError(f"{file} has {len(names)} columns: at most {MAX_COLUMNS} can be read")
+    undecoded = [name for name in names if UNDECODED in name]
+    if undecoded:
+        raise RecordingError(f"{file} cannot be read as CSV: the column {undecoded[0][:100]!r} is not UTF-8")
+    for separator, plural in SEPARATORS.items():
+        if len(names) == 1 and separator in header[0]:
+            raise RecordingError(
+                f"{file}: the columns are separated by {plural}. Separate them by commas, and write numbers with a "
+                "decimal point, as 1.5"
+            )
     if not names or all(_is_number(name) for name in names):
         raise RecordingError(f"{file}: the first line has no column names: time,joint_1.position,... is needed")
     return names
+
+
+def _open_text(file: Path) -> TextIO:
+    """Open a file; bytes that are not UTF-8 become `UNDECODED`, so that their cells are no numbers."""
+    return file.open(newline="", encoding="utf-8-sig", errors="replace")
 
 
 def _is_number(cell: str) -> bool:

@@ -18,14 +18,15 @@ import numpy as np
 from robot_dynamics.array_types import Array
 from robot_dynamics.constraints import attitude_charts
 from robot_dynamics.constraints.branch_tracker import BranchTracker
+from robot_dynamics.constraints.closure_search import find_widest_loop
 from robot_dynamics.constraints.constrained_state import charted_state_at
 from robot_dynamics.constraints.loop_equations import loop_equations
-from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.constraints.newton_iteration import NEWTON_TOLERANCE
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.simulation.attitude_integration import AttitudeIntegration
 from robot_dynamics.simulation.step_limits import DEGRADATION_RATIO, MAX_TRAVEL, NEAR_SINGULAR_QUALITY
+from robot_dynamics.simulation.step_parts import limit_travel
 
 if TYPE_CHECKING:
     from robot_dynamics.constraints.constrained_state import ConstrainedState
@@ -144,17 +145,16 @@ class ConstrainedMotion:
         return charted_state_at(partition, q)
 
     def limit_substep(
-        self, length: float, shortest: float, coordinates: LoopCoordinates, q: Array, velocities: Array
+        self, length: float, step: float, coordinates: LoopCoordinates, q: Array, velocities: Array
     ) -> float:
         """Length of a part of a step [s], halved until no joint of the loops travels too far in it.
 
-        It is not halved below `shortest` [s]. velocities: (all joints,) at positions q (all joints,).
+        velocities: (all joints,) at positions q (all joints,).
         """
         travel = MAX_TRAVEL_NEAR_SINGULAR if coordinates.quality < NEAR_SINGULAR_QUALITY else MAX_TRAVEL
         speed = self.loop_speed(self.attitudes.chart_rates(q, velocities))
-        while length * speed > travel and length > shortest:
-            length /= 2
-        return length
+        limited: float = limit_travel(length, speed, travel, step)
+        return limited
 
     def loop_speed(self, rates: Array) -> float:
         """Largest of the rates (all joints,) of joints in loops [rad/s or characteristic lengths/s]."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.simulation.base_motion import chart_motion
 from robot_dynamics.simulation.branch import TIGHT_CLOSURE_TOLERANCE, find_neighbours, interpolate
 from robot_dynamics.simulation.constrained_motion import SINGULAR_QUALITY
-from robot_dynamics.simulation.rotation import exponential, rotation_vector_rate
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -79,10 +79,7 @@ class EquationsOfMotion:
         slope = np.zeros(len(y))
         R, P = conditions.pose[:3, :3], conditions.pose[:3, 3]
         if self._robot.moving_base:
-            E = exponential(y[:3])
-            R, P = R @ E, P + R @ y[3:6]
-            slope[:3] = rotation_vector_rate(y[:3], rates[3:6])
-            slope[3:6] = E @ rates[:3]
+            R, P, slope[:6] = chart_motion(R, P, y[:6], rates[:6])
 
         def model(q: Array) -> tuple[Array, Array]:
             return self._velocities_and_accelerations(q, rates, time, R, P, inputs)

@@ -24,6 +24,11 @@ class FrameKinematics:
         Names of k link frames.
     independent : tuple of int, optional
         Numbers of the joints that rates belong to; None for those of Dynamics.joint_names.
+
+    Attributes
+    ----------
+    program : CompiledProgram or PythonProgram
+        The model `frames`.
     """
 
     def __init__(self, dynamics: Dynamics, names: Sequence[str], independent: tuple[int, ...] | None = None) -> None:
@@ -34,11 +39,11 @@ class FrameKinematics:
 
         self._has_moving_base = dynamics.robot.moving_base
         program = frames_model(dynamics.robot, names, independent=independent)
-        self._program: CompiledProgram | PythonProgram
+        self.program: CompiledProgram | PythonProgram
         try:
-            self._program = compile_program(program)
+            self.program = compile_program(program)
         except CompilationError:
-            self._program = PythonProgram(program)
+            self.program = PythonProgram(program)
 
     def __call__(self, q: Array, rates: Array) -> tuple[Array, Array, Array]:
         """Rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) in frame 0.
@@ -46,5 +51,5 @@ class FrameKinematics:
         q: positions as the programs take them; rates (6 + n,): twist of the base and joint velocities.
         """
         base: tuple[Array, ...] = (rates[:6],) if self._has_moving_base else ()
-        rotations, positions, velocities = self._program.evaluate(q, rates[6:], *base)
+        rotations, positions, velocities = self.program.evaluate(q, rates[6:], *base)
         return rotations, positions, velocities

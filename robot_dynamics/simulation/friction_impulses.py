@@ -13,27 +13,33 @@ the effort by F at that load: there both loads are equal.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
-from robot_dynamics.newton_euler.friction import load_friction, loads_from_net_efforts
-from robot_dynamics.newton_euler.walker_orin import inertia_matrix
-from robot_dynamics.procedures import as_array, largest, magnitude, procedure, select, solve
+from robot_dynamics.newton_euler.friction import load_friction, loads_from_net_efforts, signs
+from robot_dynamics.procedures import as_array, largest, magnitude, procedure, select, solve, zeros
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.model.joint import Joint
-    from robot_dynamics.model.robot import Robot
 
+BLOCK_EXCHANGES = 8
+"""Sets of sticking joints from which joints are exchanged one by one, which ends with the solution."""
+MAX_EXCHANGES = 60
+"""Sets of sticking joints that are tried before the iteration."""
+REGULARIZATION = 1e-15
+"""Relative change of the diagonal with which the impulses of all joints can be solved for."""
+DEPENDENT_REGULARIZATION = 1e-12
+"""The same where joints do not move independently."""
+STICKING_RATIO = 1e3
+"""Velocity of a joint that sticks, relative to the largest one and to the regularization, at which a solution fails."""
 MAX_SWEEPS = 200
 CONVERGENCE_TOLERANCE = 1e-12
 """Change in one sweep, relative to the largest impulse, at which the iteration ends."""
-STIFF_DAMPING_RATIO = 0.3
-"""h Fv / inertia of a joint beyond which its viscous friction is treated as an impulse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,15 +82,17 @@ class ImpulsiveFriction:
         asymmetry = self._coefficients["coulomb_asymmetry"]
         return -self.step * (dry + asymmetry), self.step * (dry - asymmetry)
 
-    def impulse_limits(self, velocities: Array, efforts: Array) -> tuple[Array, Array]:
+    def limits(self, velocities: Any, efforts: Any) -> tuple[Any, Any]:
         """Lowest and highest impulse (k,) [N m s or N s] of dry friction.
 
         velocities: (k,) at the start of the step; efforts: (k,) of the motors, read where friction depends on the load.
         """
+        if self.constant_limits is not None:
+            return self.constant_limits
         numbers = self._coefficients
-        dry = numbers["coulomb_friction"]
-        dry = dry + numbers["stribeck_friction"] / (1 + (velocities / numbers["stribeck_velocity"]) ** 2)
-        viscous = numbers["viscous_friction"] * velocities + numbers["viscous_asymmetry"] * np.abs(velocities)
+        ratios = velocities / numbers["stribeck_velocity"]
+        dry = numbers["coulomb_friction"] + numbers["stribeck_friction"] / (1 + ratios * ratios)
+        viscous = numbers["viscous_friction"] * velocities + numbers["viscous_asymmetry"] * magnitude(velocities)
         limits = []
         for direction in (1.0, -1.0):
             friction = dry + direction * numbers["coulomb_asymmetry"]
@@ -95,63 +103,49 @@ class ImpulsiveFriction:
             limits.append(-self.step * (direction * friction + friction_of_loads))
         return limits[0], limits[1]
 
+    @procedure
+    def apply(
+        self, response: Any, joint_shares: Any, velocities: Any, applied_impulses: Any, limits: tuple[Any, Any]
+    ) -> Any:
+        """Impulses (k,) of friction, and the change (m,) of all rates by those that the rates do not contain yet.
 
-def separate_friction(robot: Robot, step: float) -> tuple[Robot, ImpulsiveFriction]:
-    """The robot without the friction that acts as impulses, and that friction, for steps of a length [s].
-
-    Dry friction is always treated as impulses, viscous friction where it is too strong for explicit steps.
-    """
-    viscous = step * np.array([joint.viscous_friction for joint in robot.joints])
-    asymmetry = step * np.array([joint.viscous_asymmetry for joint in robot.joints])
-    is_stiff = viscous + np.abs(asymmetry) > STIFF_DAMPING_RATIO * minimum_joint_inertias(robot)
-    joints = []
-    numbers = []
-    for number, joint in enumerate(robot.joints):
-        explicit = joint.without_friction()
-        if not is_stiff[number]:
-            viscous_friction, viscous_asymmetry = joint.viscous_friction, joint.viscous_asymmetry
-            explicit = replace(explicit, viscous_friction=viscous_friction, viscous_asymmetry=viscous_asymmetry)
-        joints.append(explicit)
-        dry = replace(joint, viscous_friction=0.0, viscous_asymmetry=0.0)
-        if dry.has_friction or (is_stiff[number] and joint.viscous_friction):
-            numbers.append(number)
-    friction = ImpulsiveFriction(
-        np.array(numbers, dtype=np.intp),
-        tuple(robot.joints[number] for number in numbers),
-        step,
-        (viscous * is_stiff)[numbers],
-        (asymmetry * is_stiff)[numbers],
-    )
-    return replace(robot, joints=tuple(joints)), friction
-
-
-def minimum_joint_inertias(robot: Robot) -> Array:
-    """Approximate least inertia (all joints,) of each joint: all other joints and a moving base are free."""
-    free = replace(robot, loops=(), platforms=(), joints=tuple(replace(joint, mimic=None) for joint in robot.joints))
-    A = inertia_matrix(free, np.array([joint.initial_position for joint in robot.joints]))
-    with np.errstate(all="ignore"):
-        return 1 / np.diagonal(np.linalg.pinv(A))[len(A) - len(robot.joints) :]
+        response (m, k): change of all rates for unit impulses; joint_shares (n, k): velocities of the joints for unit
+        rates, which are the last n of m; velocities (k,) of the joints; applied_impulses (k,): those that the rates
+        contain already; limits: lowest and highest impulse (k,) of dry friction.
+        """
+        W = joint_shares.T @ response[len(response) - len(joint_shares) :]
+        velocities = velocities - W @ applied_impulses
+        viscous_gains = self.viscous_gains
+        if self.viscous_asymmetries.any():
+            viscous_gains = viscous_gains + self.viscous_asymmetries * signs(velocities)
+        is_dependent = joint_shares.shape[1] > joint_shares.shape[0]
+        impulses = friction_impulses(W, velocities, limits, viscous_gains, is_dependent)
+        return impulses, response @ (impulses - applied_impulses)
 
 
 @procedure
-def friction_impulses(W: Any, velocities: Any, limits: tuple[Any, Any], viscous: Any) -> Any:
+def friction_impulses(
+    W: Any, velocities: Any, limits: tuple[Any, Any], viscous: Any, is_dependent: bool = False
+) -> Any:
     """Impulses p (k,) [N m s or N s] of friction.
 
     W (k, k): change of the velocities (k,) for unit impulses; limits: lowest and highest impulse (k,) of dry friction;
-    viscous (k,): Fv h. The method is Gauss-Seidel with projection; where all joints continue to slide, the initial
-    impulses are the solution.
+    viscous (k,): Fv h; is_dependent: whether there are more joints than coordinates.
+
+    Where all joints continue to slide, their limits are the solution. Otherwise the joints that stick are searched for;
+    Gauss-Seidel iterations follow where the search fails.
     """
     size = len(velocities)
     right_side = np.concatenate([velocities[:, None], W], axis=1)
     damped = solve(np.eye(size) + W * viscous, right_side)
     damped_velocities = damped[:, 0]
     damped_W = damped[:, 1:]
-    impulses = _dry_impulses(damped_W, damped_velocities, *limits)
+    impulses = _dry_impulses(damped_W, damped_velocities, *limits, is_dependent)
     return impulses - viscous * (damped_velocities + damped_W @ impulses)
 
 
 @procedure
-def _dry_impulses(W: Any, velocities: Any, lowest: Any, highest: Any) -> Any:
+def _dry_impulses(W: Any, velocities: Any, lowest: Any, highest: Any, is_dependent: bool) -> Any:
     """Impulses (k,) within the limits (k,) that bring the joints to rest or oppose their motion."""
     size = len(velocities)
     sliding = [select(velocities[k] > 0, lowest[k], select(velocities[k] < 0, highest[k], 0.0)) for k in range(size)]
@@ -160,14 +154,87 @@ def _dry_impulses(W: Any, velocities: Any, lowest: Any, highest: Any) -> Any:
         tolerance = CONVERGENCE_TOLERANCE * largest(np.concatenate([highest, -lowest]))
         W, velocities = as_array(W), as_array(velocities)
         lowest, highest = as_array(lowest), as_array(highest)
-        for _ in range(MAX_SWEEPS):
-            change = 0.0
-            for k in range(size):
-                previous = impulses[k]
-                sticking = previous - (velocities[k] + W[k] @ impulses) / W[k, k]
-                raised = select(sticking > lowest[k], sticking, lowest[k])
-                impulses[k] = select(raised < highest[k], raised, highest[k])
-                change = select(magnitude(impulses[k] - previous) > change, magnitude(impulses[k] - previous), change)
-            if change <= tolerance:
-                break
+        regularization = DEPENDENT_REGULARIZATION if is_dependent else REGULARIZATION
+        solution, is_solved = _exchange_sticking_joints(
+            W, velocities, lowest, highest, impulses, tolerance, regularization
+        )
+        if is_solved:
+            impulses = solution
+        else:
+            impulses = _relax(W, velocities, lowest, highest, impulses, tolerance)
+    return impulses
+
+
+@procedure
+def _exchange_sticking_joints(
+    W: Any,
+    velocities: Any,
+    lowest: Any,
+    highest: Any,
+    sliding_impulses: Any,
+    tolerance: Any,
+    regularization: float,
+) -> Any:
+    """Impulses (k,) by solving for the joints that stick, and whether the joints that stick were found.
+
+    All joints that violate a condition change at once between sticking and sliding; later one at a time. Source: J. J.
+    Júdice and F. M. Pires, A block principal pivoting algorithm for large-scale strictly monotone linear
+    complementarity problems, Computers and Operations Research 21 (1994).
+    """
+    size = len(velocities)
+    directions = zeros(size)  # of the impulses: -1 and 1 at the limits, 0 where a joint sticks
+    for k in range(size):
+        velocity = velocities[k] + W[k] @ sliding_impulses
+        opposite = select(velocity > 0, -1.0, 1.0)
+        directions[k] = select(velocity * velocities[k] > 0, opposite, 0.0)
+    impulses = as_array(sliding_impulses)
+    accuracy = STICKING_RATIO * regularization * largest(magnitude(velocities))
+    is_solved: Any = False
+    for exchange in range(MAX_EXCHANGES):
+        rows = zeros(size, size)
+        right_side = zeros(size, 1)
+        for k in range(size):
+            if directions[k] == 0:
+                rows[k] = W[k]
+                rows[k, k] = (1 + regularization) * W[k, k]
+                right_side[k, 0] = -velocities[k]
+            else:
+                rows[k, k] = 1.0
+                right_side[k, 0] = select(directions[k] < 0, lowest[k], highest[k])
+        impulses = as_array(solve(rows, right_side)[:, 0])
+        is_solved = True
+        is_exact: Any = True
+        for k in range(size):
+            velocity = velocities[k] + W[k] @ impulses
+            direction = directions[k]
+            if direction == 0:
+                is_exact = is_exact & (magnitude(velocity) <= accuracy + tolerance * W[k, k])
+                direction = select(impulses[k] > highest[k] + tolerance, 1.0, direction)
+                direction = select(impulses[k] < lowest[k] - tolerance, -1.0, direction)
+            else:
+                direction = select(velocity * direction > tolerance * W[k, k], 0.0, direction)
+            can_change = is_solved | (exchange < BLOCK_EXCHANGES)
+            is_solved = is_solved & (direction == directions[k])
+            directions[k] = select(can_change, direction, directions[k])
+        is_solved = is_solved & is_exact
+        if is_solved:
+            break
+    return impulses, is_solved
+
+
+@procedure
+def _relax(W: Any, velocities: Any, lowest: Any, highest: Any, impulses: Any, tolerance: Any) -> Any:
+    """Impulses (k,) by Gauss-Seidel iterations with projection onto the limits, from given ones."""
+    size = len(velocities)
+    impulses = as_array(impulses)
+    for _ in range(MAX_SWEEPS):
+        change = 0.0
+        for k in range(size):
+            previous = impulses[k]
+            sticking = previous - (velocities[k] + W[k] @ impulses) / W[k, k]
+            raised = select(sticking > lowest[k], sticking, lowest[k])
+            impulses[k] = select(raised < highest[k], raised, highest[k])
+            change = select(magnitude(impulses[k] - previous) > change, magnitude(impulses[k] - previous), change)
+        if change <= tolerance:
+            break
     return impulses

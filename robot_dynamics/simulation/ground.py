@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.procedures import select
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -87,9 +88,13 @@ class Ground:
         ndarray, shape (points, 3)
             Forces [N]; zero for points above the ground.
         """
-        depth = self.height - positions[:, 2]
-        normal = np.where(depth > 0, self.stiffness * depth - self.damping * velocities[:, 2], 0.0)
-        normal = np.maximum(normal, 0.0)
-        slip = velocities[:, :2]
-        share = self.friction * normal / np.sqrt(np.sum(slip**2, axis=1) + self.slip_velocity**2)
-        return np.column_stack([-share[:, None] * slip, normal])
+        return np.array([self.force(*motion) for motion in zip(positions, velocities, strict=True)]).reshape(-1, 3)
+
+    def force(self, position: Any, velocity: Any) -> Any:
+        """The force (3,) [N] on one point at a position (3,) [m] with a velocity (3,) [m/s], in world axes."""
+        x, y, z = velocity
+        depth = self.height - position[2]
+        normal = select(depth > 0, self.stiffness * depth - self.damping * z, 0.0)
+        normal = select(normal < 0, 0.0, normal)
+        share = self.friction * normal / np.sqrt(x * x + y * y + self.slip_velocity**2)
+        return np.array([-share * x, -share * y, normal])

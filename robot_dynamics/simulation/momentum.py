@@ -9,11 +9,12 @@ conserved up to rounding.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from robot_dynamics.newton_euler.screw import cross
+from robot_dynamics.procedures import solve
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -34,13 +35,13 @@ class Momentum(NamedTuple):
     angular: Array
 
 
-def centre_of_mass(A: Array) -> tuple[float, Array]:
+def centre_of_mass(A: Any) -> tuple[Any, Any]:
     """Mass [kg] and centre of mass (3,) [m] in the base frame, from the inertia matrix (6 + n, 6 + n)."""
     mass = A[0, 0]
     return mass, np.array([A[1, 5], A[2, 3], A[0, 4]]) / mass
 
 
-def momentum(A: Array, R: Array, rates: Array) -> Momentum:
+def momentum(A: Any, R: Any, rates: Any) -> Momentum:
     """Momentum of a robot with the inertia matrix A (6 + n, 6 + n) at rates (6 + n,).
 
     R (3, 3): orientation of the base in the world.
@@ -50,7 +51,7 @@ def momentum(A: Array, R: Array, rates: Array) -> Momentum:
     return Momentum(R @ h[:3], R @ (h[3:] - cross(c, h[:3])))
 
 
-def twist_from_momentum(conserved: Momentum, A: Array, R: Array, rates: Array) -> Array:
+def twist_from_momentum(conserved: Momentum, A: Any, R: Any, rates: Any) -> Any:
     """Twist (6,) of the base with which the robot has a momentum, its joints moving at rates[6:].
 
     A (6 + n, 6 + n): inertia matrix; R (3, 3): orientation of the base in the world.
@@ -58,4 +59,9 @@ def twist_from_momentum(conserved: Momentum, A: Array, R: Array, rates: Array) -
     _, c = centre_of_mass(A)
     P = conserved.linear @ R
     h = np.concatenate([P, conserved.angular @ R + cross(c, P)])
-    return rates[:6] + np.linalg.solve(A[:6, :6], h - A[:6] @ rates)
+    return rates[:6] + solve(A[:6, :6], (h - A[:6] @ rates)[:, None])[:, 0]
+
+
+def after_gravity(conserved: Momentum, mass: Any, gravity: Any, time: Any) -> Momentum:
+    """The momentum after gravity (3,) [m/s²] in the world has acted on a mass [kg] for a time [s]."""
+    return Momentum(conserved.linear + mass * time * gravity, conserved.angular)

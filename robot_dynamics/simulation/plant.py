@@ -14,6 +14,7 @@ import numpy as np
 
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import Base
+from robot_dynamics.simulation.base_motion import rates_derivative
 from robot_dynamics.simulation.branch import evaluate_on_branch
 from robot_dynamics.simulation.constrained_motion import ConstrainedMotion
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     Program = CompiledProgram | PythonProgram
 
 NO_GRAVITY = np.zeros(3)
+NO_TWIST = np.zeros(6)
 
 
 class Plant:
@@ -47,6 +49,8 @@ class Plant:
         None for a robot without loops.
     rate_joints : list of int
         Numbers of the joints whose velocities are rates.
+    takes_all_joints : bool
+        Whether the programs take positions of all joints, and not only those of Dynamics.joint_names.
     """
 
     def __init__(self, dynamics: Dynamics, wrench_links: Iterable[str]) -> None:
@@ -54,7 +58,9 @@ class Plant:
         self.dynamics = dynamics
         self.size = len(self.dynamics.joint_names)
         self.loops = ConstrainedMotion(self.dynamics) if robot.loops else None
-        self.rate_joints = [robot.joint_numbers[name] for name in self.dynamics.joint_names]
+        self._joint_indices = [robot.joint_numbers[name] for name in dynamics.joint_names]
+        self.rate_joints = self._joint_indices
+        self.takes_all_joints = bool(robot.loops) or dynamics.joint_names == dynamics.all_joint_names
         self._has_moving_base = robot.moving_base
         self._wrench_links: tuple[str, ...] | None = None
         self._programs: dict[tuple[int, ...] | None, tuple[Program, list[Array]]] = {}
@@ -71,6 +77,10 @@ class Plant:
     def units(self) -> Array:
         """Change of each rate (6 + n,) that counts as much as one radian [rad or m]."""
         return self._units[[0, 1, 2, 3, 4, 5, *(6 + number for number in self.rate_joints)]]
+
+    def program_positions(self, joint_positions: Array) -> Array:
+        """Positions as the programs take them, from positions (all joints,)."""
+        return joint_positions if self.takes_all_joints else joint_positions[self._joint_indices]
 
     @property
     def independent(self) -> tuple[int, ...] | None:
@@ -135,7 +145,6 @@ class Plant:
         accelerations : ndarray, shape (6 + n,)
             ν̇.
         """
-        accelerations = np.zeros(6 + self.size)
         twist = rates[:6]
         base = (twist, gravity) if self._has_moving_base else ()
         self._program.evaluate(q, rates[6:], efforts, *base, *wrenches, *self._outputs)
@@ -144,11 +153,9 @@ class Plant:
         if self.loops is not None:
             velocities = outputs[0].copy()
             outputs = outputs[1:]
-        accelerations[6:] = outputs[0]
         if base:
-            accelerations[:6] = outputs[1]
-            accelerations[:3] -= convective_acceleration(twist)
-        return velocities, accelerations
+            return velocities, rates_derivative(twist, outputs[1], outputs[0])
+        return velocities, np.concatenate([NO_TWIST, outputs[0]])
 
     def velocities(self, coordinates: LoopCoordinates, q: Array, rates: Array, direction: Array) -> Array:
         """Velocities (all joints,) of a robot with loops at rates (6 + n,).
@@ -234,9 +241,3 @@ class Plant:
     def _require_loops(self) -> ConstrainedMotion:
         assert self.loops is not None
         return self.loops
-
-
-def convective_acceleration(twist: Array) -> Array:
-    """ω × v (3,): the classical acceleration of the base minus the derivative of v in the base frame."""
-    a, b, c, x, y, z = twist.tolist()
-    return np.array([y * c - z * b, z * a - x * c, x * b - y * a])

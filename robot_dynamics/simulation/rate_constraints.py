@@ -8,11 +8,12 @@ With constraints C ν = 0 and C ν̇ = c, Gauss's principle of least constraint 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import null_space, qr
 
+from robot_dynamics.procedures import solve
 from robot_dynamics.simulation.wheels import RollingConstraints
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ BaseType: TypeAlias = Literal["fixed", "free", "planar"]
 BASE_TYPES: tuple[BaseType, ...] = ("fixed", "free", "planar")
 RANK_TOLERANCE = 1e-9
 """Singular value of constraints, relative to the largest, below which it is rounding."""
+BASIS_ROUNDING = 1e-13
+"""Entry of a basis below which it is rounding."""
 DRIVE_COMPONENTS = (0, 5, 1)
 """Components of V0 that a drive controls, in order of priority: forward, turning, sideways."""
 
@@ -75,7 +78,8 @@ class RateConstraints:
         if base == "planar":
             self._rolling = RollingConstraints(plant.dynamics.robot, wheels)
             self._rolling.constraint_rows(plant.dynamics.initial_joint_positions)  # raises where an axle is inclined
-        self._is_constant = self._rolling is None or (self._rolling.is_constant and plant.loops is None)
+        has_constant_rows = self._rolling is None or (self._rolling.is_constant and plant.loops is None)
+        self._is_constant = has_constant_rows or not (self._rolling and self._rolling.joints)
         self._constant_solutions: dict[tuple[bool, bool], ConstraintSolution] = {}
 
     def constrain_accelerations(
@@ -103,8 +107,8 @@ class RateConstraints:
         if joint_accelerations is not None:
             right_side.append(joint_accelerations)
         prescribed = pseudoinverse @ np.concatenate(right_side)
-        A = self._plant.inertia_matrix(q)
-        return prescribed + self._constrained_response(q, N) @ (A @ (accelerations - prescribed))
+        constrained: Array = constrain(self._plant.inertia_matrix(q), N, accelerations, prescribed)
+        return constrained
 
     def project_onto_constraints(self, q: Array, rates: Array, keep_joint_rates: bool = False) -> Array:
         """The admissible rates (6 + n,) nearest to these by kinetic energy.
@@ -117,18 +121,17 @@ class RateConstraints:
         prescribed = np.zeros_like(rates)
         if keep_joint_rates:
             prescribed = pseudoinverse @ np.concatenate([np.zeros_like(drift), rates[6:]])
-        A = self._plant.inertia_matrix(q)
-        return prescribed + self._constrained_response(q, N) @ (A @ (rates - prescribed))
+        constrained: Array = constrain(self._plant.inertia_matrix(q), N, rates, prescribed)
+        return constrained
 
-    def impulse_response(self, q: Array, rates: Array, is_driven: bool = False) -> Array:
-        """Change of the rates for unit impulses (6 + n, 6 + n). is_driven: whether a drive moves the base."""
-        size = 6 + self._plant.size
+    def impulse_response(self, q: Array, rates: Array, joint_impulses: Array, is_driven: bool = False) -> Array:
+        """Change of the rates (6 + n, k) for impulses (n, k) of joints. is_driven: whether a drive moves the base."""
+        A = self._plant.inertia_matrix(q)
         if self._is_fixed:
-            response = np.zeros((size, size))
-            response[6:, 6:] = np.linalg.inv(self._plant.inertia_matrix(q))
-            return response
-        N = np.eye(size) if self._rolling is None else self._solve(q, rates, is_driven, False).N
-        return self._constrained_response(q, N)
+            return np.concatenate([np.zeros((6, joint_impulses.shape[1])), solve(A, joint_impulses)])
+        N = None if self._rolling is None else self._solve(q, rates, is_driven, False).N
+        response: Array = joint_impulse_response(A, N, joint_impulses)
+        return response
 
     def initial_rates(self, q: Array, rates: Array, has_base_motion: bool) -> Array:
         """Admissible rates (6 + n,) at the start of a simulation.
@@ -151,9 +154,14 @@ class RateConstraints:
         """C ν (m,): velocities [m/s, rad/s] that plane and wheels forbid."""
         return np.zeros(0) if self._rolling is None else self._rows(q, rates)[0] @ rates
 
-    def _constrained_response(self, q: Array, N: Array) -> Array:
-        """N (Nᵀ A N)⁻¹ Nᵀ."""
-        return N @ np.linalg.solve(N.T @ self._plant.inertia_matrix(q) @ N, N.T)
+    @property
+    def is_constant(self) -> bool:
+        """Whether the constraints are the same at all positions."""
+        return self._is_constant
+
+    def solution_at(self, q: Array, is_driven: bool) -> ConstraintSolution | None:
+        """The constraints of plane and wheels at rest; None without them. is_driven: whether a drive moves the base."""
+        return None if self._rolling is None else self._solve(q, np.zeros(6 + self._plant.size), is_driven, False)
 
     def _rows(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """C (m, 6 + n) and Ċ ν (m,) of plane and wheels."""
@@ -180,10 +188,40 @@ class RateConstraints:
         U, singular_values, V = np.linalg.svd(C)
         rank = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
         pseudoinverse = (V[:rank].T / singular_values[:rank]) @ U[:, :rank].T
-        solution = ConstraintSolution(V[rank:].T, pseudoinverse, components, drift)
+        solution = ConstraintSolution(sparse_basis(V[rank:].T), pseudoinverse, components, drift)
         if self._is_constant:
             self._constant_solutions[key] = solution
         return solution
+
+
+def sparse_basis(N: Array) -> Array:
+    """A basis of the columns of N (m, freedoms) in which as many rates as there are freedoms are the coordinates.
+
+    Most of its entries are zeros and ones: products with it need few operations.
+    """
+    if not N.size:  # nothing can move: LAPACK before 3.11 refuses to factorise it
+        return N
+    _, _, order = qr(N.T, mode="economic", pivoting=True)
+    rows = np.sort(order[: N.shape[1]])
+    basis: Array = N @ np.linalg.inv(N[rows])
+    basis[np.abs(basis) < BASIS_ROUNDING] = 0.0
+    basis[rows] = np.eye(len(rows))
+    return basis
+
+
+def constrain(A: Any, N: Any, rates: Any, prescribed: Any) -> Any:
+    """The rates (m,) nearest to these by kinetic energy that differ from the prescribed ones (m,) by N u."""
+    forces = N.T @ (A @ (rates - prescribed))
+    return prescribed + N @ solve(N.T @ A @ N, forces[:, None])[:, 0]
+
+
+def joint_impulse_response(A: Any, N: Any, joint_impulses: Any) -> Any:
+    """Change of the rates (6 + n, k) of a robot on a moving base for impulses (n, k) of its joints.
+
+    N: (6 + n, freedoms) rates that the constraints allow; None without constraints.
+    """
+    impulses = np.concatenate([np.zeros((6, joint_impulses.shape[1])), joint_impulses])
+    return solve(A, impulses) if N is None else N @ solve(N.T @ A @ N, N.T @ impulses)
 
 
 def driven_components(N: Array) -> list[int]:

@@ -4,16 +4,17 @@ R(t) = R₀ exp(φ̂(t)) with φ = 0 at the beginning of the step. R stays a rot
 no quaternion has to be normalised. Source of both formulas: Iserles, Munthe-Kaas, Nørsett and Zanna, Lie-group methods,
 Acta Numerica 9 (2000), appendix B.
 
-The functions compute on Python floats: they run several times in each step, where arrays of three numbers would cost
-ten times as much. `constraints.attitude_angles.rotation_exponential` is the exponential for batches.
+The functions compute on Python floats, or on symbols: they run several times in each step, where arrays of three
+numbers would cost ten times as much. `constraints.attitude_angles.rotation_exponential` is the exponential for batches.
 """
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+from robot_dynamics.procedures import procedure
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -24,7 +25,8 @@ SERIES_SQUARED_ANGLE = 0.05
 """Squared angle [rad²] below which the series are exact to rounding."""
 
 
-def exponential(phi: Array) -> Array:
+@procedure
+def exponential(phi: Any) -> Any:
     """Rotation matrix (3, 3) of a rotation vector φ (3,) [rad]: I + sin θ/θ φ̂ + (1 - cos θ)/θ² φ̂², θ = |φ|.
 
     The matrix is nan beyond MAX_SQUARED_ANGLE.
@@ -32,14 +34,16 @@ def exponential(phi: Array) -> Array:
     x, y, z = phi.tolist()
     square = x * x + y * y + z * z
     if not square < MAX_SQUARED_ANGLE:
-        return np.full((3, 3), np.nan)
-    if square < SERIES_SQUARED_ANGLE:
+        s = np.nan
+        c = np.nan
+    elif square < SERIES_SQUARED_ANGLE:
         s = 1 - square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
         c = 0.5 - square / 24 * (1 - square / 30 * (1 - square / 56 * (1 - square / 90 * (1 - square / 132))))
     else:
-        angle = sqrt(square)
-        s = sin(angle) / angle
-        c = 2 * (sin(angle / 2) / angle) ** 2
+        angle = np.sqrt(square)
+        ratio = np.sin(angle / 2) / angle
+        s = np.sin(angle) / angle
+        c = 2 * ratio * ratio
     return np.array(
         [
             [1 - c * (y * y + z * z), c * x * y - s * z, c * x * z + s * y],
@@ -49,21 +53,22 @@ def exponential(phi: Array) -> Array:
     )
 
 
-def rotation_vector_rate(phi: Array, omega: Array) -> list[float]:
+@procedure
+def rotation_vector_rate(phi: Any, omega: Any) -> Any:
     """φ̇ (3,) [rad/s] of R = R₀ exp(φ̂) for the angular velocity ω (3,) in the axes of R.
 
     φ̇ = ω + φ × ω/2 + k φ × (φ × ω) with k = (1 - θ/2 cot θ/2)/θ²; nan beyond MAX_SQUARED_ANGLE.
     """
     x, y, z = phi.tolist()
+    a, b, c = omega.tolist()
     square = x * x + y * y + z * z
     if not square < MAX_SQUARED_ANGLE:
-        return [np.nan] * 3
-    if square < SERIES_SQUARED_ANGLE:
+        k = np.nan
+    elif square < SERIES_SQUARED_ANGLE:
         k = 1 / 12 + square / 720 * (1 + square / 42 * (1 + square / 40 * (1 + square * 10 / 396)))
     else:
-        half = sqrt(square) / 2
-        k = (1 - half * cos(half) / sin(half)) / square
-    a, b, c = omega.tolist()
+        half = np.sqrt(square) / 2
+        k = (1 - half * np.cos(half) / np.sin(half)) / square
     u, v, w = y * c - z * b, z * a - x * c, x * b - y * a
     return [
         a + u / 2 + k * (y * w - z * v),

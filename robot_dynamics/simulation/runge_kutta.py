@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from robot_dynamics.procedures import procedure
+from robot_dynamics.procedures import as_array, procedure, zeros
 
 NODES = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
 STAGES = (
@@ -46,3 +46,21 @@ def increment(derivative: Callable[[float, Any], Any], time: Any, y: Any, step: 
         slopes.append(derivative(time + node * step, y + (step * weights) @ np.array(slopes)))
     first, second = ERROR_STAGES
     return (step * WEIGHTS) @ np.array(slopes), step * ERROR_WEIGHT * (slopes[second] - slopes[first])
+
+
+@procedure
+def increment_in_loop(derivative: Callable[[Any, Any], Any], time: Any, y: Any, step: Any) -> tuple[Any, Any]:
+    """As `increment`, with a loop over the stages: machine code then has the derivative once instead of seven times."""
+    stage_count = len(NODES)
+    size = len(y)
+    nodes = as_array(NODES)
+    weights = as_array(np.array([[*row, *np.zeros(stage_count - len(row))] for row in ((), *STAGES)]))
+    slopes = zeros(stage_count, size)
+    for stage in range(stage_count):
+        point = as_array(y)
+        for before in range(stage):
+            for k in range(size):
+                point[k] = point[k] + step * weights[stage, before] * slopes[before, k]
+        slopes[stage] = derivative(time + nodes[stage] * step, point)
+    first, second = ERROR_STAGES
+    return (step * WEIGHTS) @ slopes, step * ERROR_WEIGHT * (slopes[second] - slopes[first])

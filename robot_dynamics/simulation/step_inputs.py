@@ -97,6 +97,11 @@ def build_step_inputs(
         if base != "planar":
             raise InvalidInputError(f"drive needs a planar base, this one is {base}")
         reference_twist = require_finite("drive", drive, 6, "linear and angular components")
+    if motion is not None and not callable(motion):
+        raise InvalidInputError(
+            f"motion is {motion!r:.60}: it must be a function of the time [s] that returns positions, velocities and "
+            "accelerations of the joints"
+        )
     for name in wrenches:
         dynamics.robot.frame(name)  # raises for an unknown link
     new_links = [name for name in wrenches if name not in plant.wrench_links]

@@ -12,12 +12,13 @@ from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation.branch import close_on_branch
 from robot_dynamics.simulation.runge_kutta import increment
 from robot_dynamics.simulation.step_inputs import Conditions
-from robot_dynamics.simulation.step_limits import MIN_RATE_SCALE, NEAR_SINGULAR_QUALITY, TOLERANCE
+from robot_dynamics.simulation.step_limits import MAX_SUBSTEPS, NEAR_SINGULAR_QUALITY
+from robot_dynamics.simulation.step_parts import integrate_in_parts, relative_error
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.simulation.attitude_integration import LocalAttitudeChart
-    from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
+    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
     from robot_dynamics.simulation.equations_of_motion import EquationsOfMotion
     from robot_dynamics.simulation.ground_contact import GroundContact
     from robot_dynamics.simulation.plant import Plant
@@ -27,18 +28,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 CHART_ORIGIN = np.zeros(6)
-MAX_SUBSTEPS = 256
-"""Number of parts into which a step may be divided."""
-ROUNDING_SHARE = 1e-9
-"""Share of a step that is rounding."""
-MAX_CONTACT_SUBSTEPS = 65536
-"""Number of parts into which a step may be divided where a point meets the ground."""
 WARNING_SUBSTEPS = 8
 """Number of parts of a step from which a warning is logged."""
-STEP_GROWTH_THRESHOLD = 1e-3
-"""Error, relative to the tolerance, below which the next part is twice as long."""
-MAX_RELATIVE_ERROR = 1e-2
-"""Relative error of the shortest parts from which the step fails."""
 
 
 class StepResult(NamedTuple):
@@ -59,14 +50,6 @@ class StepResult(NamedTuple):
     q: Array
     rates: Array
     coordinates: LoopCoordinates | None
-
-
-class Substep(NamedTuple):
-    """A part of a step: y at its end, the relative error of its rates, its length [s]."""
-
-    y: Array
-    error: float
-    length: float
 
 
 class StepIntegrator:
@@ -95,7 +78,8 @@ class StepIntegrator:
         y = np.concatenate([CHART_ORIGIN, q, rates])
         direction = _direction_near_singular(coordinates, state.joint_velocities)
         conditions = Conditions(state.pose, inputs, coordinates, direction)
-        self._begin_contact()
+        if self._contact is not None:
+            self._contact.begin_substep()
         return self._equations.derivative(state.time, y, conditions)[self._equations.rates]
 
     def step(
@@ -126,70 +110,17 @@ class StepIntegrator:
         SingularModelError
             The model has no accelerations here, or the loops have no branch to follow.
         """
-        loops, equations = self._plant.loops, self._equations
+        equations = self._equations
+        motion = _StepMotion(self._plant, equations, self._contact, self._step, state, inputs)
         y = np.concatenate([CHART_ORIGIN, q, rates])
-        velocities = state.joint_velocities
-        elapsed, length, shortest = 0.0, self._step, self._step
-        while elapsed < self._step:
-            length = min(length, self._step - elapsed)
-            if loops is not None and coordinates is not None:
-                least = self._step / MAX_SUBSTEPS
-                length = loops.limit_substep(length, least, coordinates, y[equations.x], velocities)
-            y, error, length = self._integrate_substep(state, elapsed, length, y, inputs, coordinates, velocities)
-            shortest = min(shortest, length)
-            is_last = elapsed + length >= (1 - ROUNDING_SHARE) * self._step
-            elapsed = self._step if is_last else elapsed + length
-            if loops is not None and coordinates is not None:
-                time = state.time + elapsed
-                y, coordinates, velocities = self._close_loops(loops, y, time, inputs, coordinates, velocities)
-            if error < STEP_GROWTH_THRESHOLD * TOLERANCE:
-                length *= 2
-        if inputs.motion is not None and loops is None:
+        progress = Progress(coordinates, state.joint_velocities)
+        y, progress, shortest, is_regular = integrate_in_parts(motion, y, progress, self._step)
+        if not is_regular:
+            self._raise_too_long(state, y[equations.x], inputs, self._step / MAX_SUBSTEPS)
+        if inputs.motion is not None and self._plant.loops is None:
             y[equations.x] = inputs.motion(state.time + self._step)[0]
-        self._warn_of_substeps(shortest)
-        return StepResult(y[:6], y[equations.x], y[equations.rates], coordinates)
-
-    def _integrate_substep(
-        self,
-        state: SimulationState,
-        elapsed: float,
-        length: float,
-        y: Array,
-        inputs: StepInputs,
-        coordinates: LoopCoordinates | None,
-        velocities: Array,
-    ) -> Substep:
-        """The part of a step that begins `elapsed` [s] after the state, at most as long as `length` [s].
-
-        velocities: (all joints,) where it begins. Raises as `step`.
-        """
-        loops, equations = self._plant.loops, self._equations
-        local_charts: Sequence[LocalAttitudeChart] = ()
-        if loops is not None:
-            local_charts = loops.attitudes.local_charts(y[equations.x])
-            x = loops.attitudes.variables(y[equations.x], local_charts)
-            y = np.concatenate([y[:6], x, y[equations.rates]])
-        direction = _direction_near_singular(coordinates, velocities)
-        conditions = Conditions(state.pose, inputs, coordinates, direction, local_charts)
-
-        def derivative(time: float, y: Array) -> Array:
-            return equations.derivative(time, y, conditions)
-
-        while True:
-            self._begin_contact()
-            change, y_error = increment(derivative, state.time + elapsed, y, length)
-            rates_after = y[equations.rates] + change[equations.rates]
-            error = self._relative_error(y_error[equations.rates], rates_after)
-            is_divisible = length / 2 >= self._step / MAX_SUBSTEPS
-            if error <= TOLERANCE or (error <= MAX_RELATIVE_ERROR and not is_divisible):
-                if length < self._step / MAX_CONTACT_SUBSTEPS or not self._contact_changes():
-                    end = y + change
-                    if local_charts:
-                        end[equations.x] = equations.joint_positions(end, local_charts)
-                    return Substep(end, error, length)
-            elif not is_divisible:
-                self._raise_too_long(state, equations.joint_positions(y, local_charts), inputs, length)
-            length /= 2
+        self.warn_of_parts(shortest)
+        return StepResult(y[:6], y[equations.x], y[equations.rates], progress.coordinates)
 
     def _raise_too_long(self, state: SimulationState, q: Array, inputs: StepInputs, length: float) -> None:
         """Raise SingularModelError where the model is singular at q, else SimulationError."""
@@ -200,49 +131,8 @@ class StepIntegrator:
             "or light links"
         )
 
-    def _close_loops(
-        self,
-        loops: ConstrainedMotion,
-        y: Array,
-        time: float,
-        inputs: StepInputs,
-        coordinates: LoopCoordinates,
-        velocities: Array,
-    ) -> tuple[Array, LoopCoordinates, Array]:
-        """y, coordinates and velocities (all joints,) after a part of a step, with the loops closed.
-
-        Other coordinates are chosen where the present ones have become much worse.
-        """
-        q, rates = y[self._equations.x], y[self._equations.rates]
-        if inputs.motion is not None:
-            positions, joint_rates, _ = inputs.motion(time)
-            q = self._equations.with_independent_positions(q, positions)
-            rates = np.concatenate([rates[:6], joint_rates])
-        closed, quality = close_on_branch(loops, coordinates, q, velocities)
-        coordinates = coordinates._replace(quality=quality)
-        chosen = coordinates if inputs.motion is not None else loops.choose_coordinates(coordinates, closed)
-        if chosen.independent != coordinates.independent or quality < NEAR_SINGULAR_QUALITY:
-            velocities = self._plant.velocities(coordinates, closed, rates, velocities)
-            if chosen.independent != coordinates.independent:
-                rates = np.concatenate([rates[:6], velocities[[*chosen.independent]]])
-        self._plant.use_coordinates(chosen, velocities)
-        return np.concatenate([y[:6], closed, rates]), chosen, velocities
-
-    def _begin_contact(self) -> None:
-        if self._contact is not None:
-            self._contact.begin_substep()
-
-    def _contact_changes(self) -> bool:
-        return self._contact is not None and self._contact.changes_in_substep()
-
-    def _relative_error(self, error: Array, rates: Array) -> float:
-        """Largest error (6 + n,) relative to the largest of the rates (6 + n,), in units that count as radians."""
-        units = self._plant.units
-        ratio: float = np.abs(error / units).max(initial=0) / (MIN_RATE_SCALE + np.abs(rates / units).max(initial=0))
-        return ratio
-
-    def _warn_of_substeps(self, shortest: float) -> None:
-        """Log a warning, once, where a step is divided into many parts."""
+    def warn_of_parts(self, shortest: float) -> None:
+        """Log a warning, once, where a step is divided into many parts. shortest: length [s] of the shortest one."""
         if shortest < self._step / WARNING_SUBSTEPS and not self._has_warned:
             self._has_warned = True
             logger.warning(
@@ -252,6 +142,87 @@ class StepIntegrator:
                 self._step,
                 shortest,
             )
+
+
+class Progress(NamedTuple):
+    """Coordinates of a robot with loops, and velocities (all joints,) of the motion that led here."""
+
+    coordinates: LoopCoordinates | None
+    velocities: Array
+
+
+class _StepMotion:
+    """The motion in one step, as integrate_in_parts takes it."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        equations: EquationsOfMotion,
+        contact: GroundContact | None,
+        step: float,
+        state: SimulationState,
+        inputs: StepInputs,
+    ) -> None:
+        self._plant = plant
+        self._equations = equations
+        self._contact = contact
+        self._step = step
+        self._state = state
+        self._inputs = inputs
+
+    def limit(self, length: float, y: Array, progress: Progress) -> float:
+        """The length [s] of a part in which no joint of the loops travels too far."""
+        loops, coordinates = self._plant.loops, progress.coordinates
+        if loops is None or coordinates is None:
+            return length
+        return loops.limit_substep(length, self._step, coordinates, y[self._equations.x], progress.velocities)
+
+    def attempt(self, elapsed: float, length: float, y: Array, progress: Progress) -> tuple[Array, float, bool]:
+        """y at the end of a part, the relative error of its rates, and whether its stages resolve the contacts."""
+        loops, equations = self._plant.loops, self._equations
+        local_charts: Sequence[LocalAttitudeChart] = ()
+        if loops is not None:
+            local_charts = loops.attitudes.local_charts(y[equations.x])
+            x = loops.attitudes.variables(y[equations.x], local_charts)
+            y = np.concatenate([y[:6], x, y[equations.rates]])
+        direction = _direction_near_singular(progress.coordinates, progress.velocities)
+        conditions = Conditions(self._state.pose, self._inputs, progress.coordinates, direction, local_charts)
+
+        def derivative(time: float, y: Array) -> Array:
+            return equations.derivative(time, y, conditions)
+
+        if self._contact is not None:
+            self._contact.begin_substep()
+        change, y_error = increment(derivative, self._state.time + elapsed, y, length)
+        end = y + change
+        error = relative_error(y_error[equations.rates], end[equations.rates], self._plant.units, end[:6])
+        if local_charts:
+            end[equations.x] = equations.joint_positions(end, local_charts)
+        return end, error, self._contact is None or not self._contact.changes_in_substep()
+
+    def finish(self, elapsed: float, y: Array, progress: Progress) -> tuple[Array, Progress, bool]:
+        """y and progress after a part, with the loops closed.
+
+        Other coordinates are chosen where the present ones have become much worse.
+        """
+        loops, (coordinates, velocities) = self._plant.loops, progress
+        if loops is None or coordinates is None:
+            return y, progress, True
+        motion = self._inputs.motion
+        q, rates = y[self._equations.x], y[self._equations.rates]
+        if motion is not None:
+            positions, joint_rates, _ = motion(self._state.time + elapsed)
+            q = self._equations.with_independent_positions(q, positions)
+            rates = np.concatenate([rates[:6], joint_rates])
+        closed, quality = close_on_branch(loops, coordinates, q, velocities)
+        coordinates = coordinates._replace(quality=quality)
+        chosen = coordinates if motion is not None else loops.choose_coordinates(coordinates, closed)
+        if chosen.independent != coordinates.independent or quality < NEAR_SINGULAR_QUALITY:
+            velocities = self._plant.velocities(coordinates, closed, rates, velocities)
+            if chosen.independent != coordinates.independent:
+                rates = np.concatenate([rates[:6], velocities[[*chosen.independent]]])
+        self._plant.use_coordinates(chosen, velocities)
+        return np.concatenate([y[:6], closed, rates]), Progress(chosen, velocities), True
 
 
 def _direction_near_singular(coordinates: LoopCoordinates | None, velocities: Array) -> Array | None:

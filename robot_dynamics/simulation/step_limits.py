@@ -18,5 +18,20 @@ MAX_TRAVEL = 0.1
 MAX_CORRECTION = 5e-3
 """Correction of positions after a part of a step that is accepted [rad or characteristic lengths]."""
 
+MAX_SUBSTEPS = 256
+"""Number of parts into which a step may be divided."""
+
+MAX_CONTACT_SUBSTEPS = 65536
+"""Number of parts into which a step may be divided where a point meets the ground."""
+
+MAX_RELATIVE_ERROR = 1e-2
+"""Relative error of the shortest parts from which the step fails."""
+
+STEP_GROWTH_THRESHOLD = 1e-3
+"""Error, relative to the tolerance, below which the next part is twice as long."""
+
+ROUNDING_SHARE = 1e-9
+"""Share of a step that is rounding."""
+
 RECORDED_STEPS = 50
 """Steps of one call that records all of them."""

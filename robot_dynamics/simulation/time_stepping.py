@@ -11,23 +11,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.simulation.friction_impulses import friction_impulses
-from robot_dynamics.simulation.momentum import Momentum, momentum, twist_from_momentum
-from robot_dynamics.simulation.rotation import exponential, orthonormalize
+from robot_dynamics.simulation.base_motion import displaced
+from robot_dynamics.simulation.friction_steps import FrictionSteps
+from robot_dynamics.simulation.momentum import Momentum, after_gravity, momentum, twist_from_momentum
 from robot_dynamics.simulation.simulation_state import SimulationState
-from robot_dynamics.simulation.step_programs import StepPrograms
+from robot_dynamics.simulation.step_programs import ProgramState
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
-    from robot_dynamics.simulation.constrained_motion import LoopCoordinates
+    from robot_dynamics.simulation.constrained_motion import ConstrainedMotion, LoopCoordinates
     from robot_dynamics.simulation.friction_impulses import ImpulsiveFriction
     from robot_dynamics.simulation.plant import Plant
     from robot_dynamics.simulation.rate_constraints import BaseType, RateConstraints
     from robot_dynamics.simulation.step_inputs import StepInputs
     from robot_dynamics.simulation.step_integrator import StepIntegrator
-    from robot_dynamics.simulation.step_programs import RecordedRun, Run
+    from robot_dynamics.simulation.step_programs import RecordedRun, Run, StepPrograms
 
 NO_TWIST = np.zeros(6)
+NOTHING = np.zeros(0)
 
 
 class TimeStepping:
@@ -40,8 +41,14 @@ class TimeStepping:
     constraints : RateConstraints
     friction : ImpulsiveFriction
     integrator : StepIntegrator
+    programs : StepPrograms
     step : float
         Length of a step [s].
+
+    Attributes
+    ----------
+    python_steps : int
+        Number of steps that machine code did not take.
     """
 
     def __init__(
@@ -51,19 +58,19 @@ class TimeStepping:
         constraints: RateConstraints,
         friction: ImpulsiveFriction,
         integrator: StepIntegrator,
+        programs: StepPrograms,
         step: float,
     ) -> None:
         self._plant = plant
         self._base = base
         self._constraints = constraints
-        self._friction = friction
+        self._friction = FrictionSteps(plant, constraints, friction, integrator, step)
         self._integrator = integrator
         self._step = step
-        has_program = base == "fixed" and not plant.wrench_links
-        self._programs = StepPrograms(plant, friction, step) if has_program else None
+        self.python_steps = 0
+        self._programs: StepPrograms | None = programs
         dynamics = plant.dynamics
         self._joint_indices = [dynamics.robot.joint_numbers[name] for name in dynamics.joint_names]
-        self._takes_all_joints = plant.loops is not None or dynamics.joint_names == dynamics.all_joint_names
         self._momentum_state: SimulationState | None = None
         self._conserved_momentum: Momentum | None = None  # of the free robot in that state
 
@@ -91,14 +98,14 @@ class TimeStepping:
         whether the motion of the base is an input, which the wheels follow.
         """
         coordinates = self._initial_coordinates(joint_positions)
-        q = self._program_positions(joint_positions)
+        q = self.program_positions(joint_positions)
         rates = self._constraints.initial_rates(q, rates, has_base_motion)
         return self._build_state(0, 0.0, pose, q, rates, coordinates)
 
     def state_from(self, previous: SimulationState) -> SimulationState:
         """The state at time 0 that continues a state of another simulation with the same joints and type of base."""
         coordinates = previous.coordinates
-        q = self._program_positions(previous.joint_positions)
+        q = self.program_positions(previous.joint_positions)
         if self._plant.loops is not None and coordinates is not None:
             self._plant.use_coordinates(coordinates, previous.joint_velocities)
             q, quality = self._plant.loops.close_loops(coordinates, q)
@@ -108,13 +115,44 @@ class TimeStepping:
 
     def advance(self, state: SimulationState, inputs: StepInputs, steps: int) -> SimulationState:
         """The state after some steps: as many as possible in machine code, at least one. Raises as `step`."""
-        if self._programs is not None and inputs.motion is None and not inputs.wrenches:
+        if self._programs is not None and inputs.motion is None:
             coordinates = self._use_coordinates(state, inputs)
-            q = self._program_positions(state.joint_positions)
-            run = self._programs.advance(steps, q, state.rates[6:], inputs.efforts, coordinates)
+            run = self._programs.advance(steps, self._program_state(state, coordinates, inputs), inputs)
             if run is not None:
-                return self._state_after(state, run)
+                self._integrator.warn_of_parts(run.shortest)
+                return self._state_after(state, run, inputs)
+        self.python_steps += 1
         return self.step(state, inputs)
+
+    def _program_state(
+        self, state: SimulationState, coordinates: LoopCoordinates | None, inputs: StepInputs
+    ) -> ProgramState:
+        """A state as programs take it."""
+        q = self.program_positions(state.joint_positions)
+        rates = state.rates
+        if self._base == "fixed":
+            return ProgramState(state.pose, q, rates[6:], coordinates, NOTHING)
+        conserved = NOTHING
+        if self._base == "free":
+            conserved = np.concatenate(self._momentum_before(state, rates)) if inputs.is_undisturbed else NO_TWIST
+        return ProgramState(state.pose, q, rates, coordinates, conserved)
+
+    def prepare(self, state: SimulationState) -> None:
+        """Compile the programs for the coordinates of a state, so that no step waits for them."""
+        if self._programs is not None:
+            independent = None if state.coordinates is None else state.coordinates.independent
+            for is_driven in (False, True) if self._base == "planar" else (False,):
+                self._programs.program("advance", independent, is_driven)
+
+    def vary_inertias(self, links: tuple[int, ...]) -> None:
+        """Let `record` take inertias of some links (numbers); no other method takes steps in machine code then."""
+        if self._programs is not None:
+            self._programs = self._programs.with_varied_links(links)
+
+    @property
+    def takes_wrenches(self) -> bool:
+        """Whether the programs take external wrenches, as they do from the first step with wrenches on."""
+        return bool(self._plant.wrench_links)
 
     def is_recorded(self, coordinates: LoopCoordinates | None) -> bool:
         """Whether `record` takes states with these coordinates."""
@@ -130,6 +168,7 @@ class TimeStepping:
         efforts: Array,
         coordinates: Sequence[LoopCoordinates | None],
         threads: int,
+        inertias: Array | None = None,
     ) -> RecordedRun:
         """Steps of M simulations in machine code, each with its efforts.
 
@@ -143,6 +182,8 @@ class TimeStepping:
         coordinates : sequence of LoopCoordinates or None
             Those that `is_recorded` allows.
         threads : int
+        inertias : ndarray, shape (M, 10 k), optional
+            Of the links of `vary_inertias`.
 
         Returns
         -------
@@ -151,16 +192,23 @@ class TimeStepping:
         assert self._programs is not None
         if self._plant.loops is not None:
             efforts = self._plant.dynamics.embed_efforts(efforts)
-        return self._programs.record(q, rates, efforts, coordinates, threads)
+        run = self._programs.record(q, rates, efforts, coordinates, threads, inertias)
+        self._integrator.warn_of_parts(run.shortest)
+        return run
+
+    @property
+    def loops(self) -> ConstrainedMotion | None:
+        """Motion on the constraints of the loops; None without loops."""
+        return self._plant.loops
 
     @property
     def joint_columns(self) -> list[int] | slice:
         """Columns of Dynamics.joint_names in positions as the programs take them."""
         return slice(None) if self._plant.loops is None else self._joint_indices
 
-    def program_positions(self, state: SimulationState) -> Array:
-        """Positions of a state as the programs take them."""
-        return self._program_positions(state.joint_positions)
+    def program_positions(self, joint_positions: Array) -> Array:
+        """Positions as the programs take them, from positions (all joints,)."""
+        return self._plant.program_positions(joint_positions)
 
     def state_at(self, steps: int, q: Array, rates: Array, coordinates: LoopCoordinates | None) -> SimulationState:
         """The state of a robot on a fixed base at positions q, as the programs take them, and rates (n,)."""
@@ -169,12 +217,25 @@ class TimeStepping:
         rates = np.concatenate([NO_TWIST, rates])
         return self._build_state(steps, steps * self._step, np.eye(4), np.array(q), rates, coordinates)
 
-    def _state_after(self, state: SimulationState, run: Run) -> SimulationState:
+    def _state_after(self, state: SimulationState, run: Run, inputs: StepInputs) -> SimulationState:
         """The state after steps of machine code."""
         steps = state.steps + run.steps
-        rates = np.concatenate([NO_TWIST, run.rates])
+        end = run.state
+        pose, rates = state.pose, end.rates
+        if self._base == "fixed":
+            rates = np.concatenate([NO_TWIST, rates])
+        else:
+            pose = end.pose
         direction = state.joint_velocities
-        return self._build_state(steps, steps * self._step, state.pose, run.q, rates, run.coordinates, direction)
+        successor = self._build_state(steps, steps * self._step, pose, end.q, rates, end.coordinates, direction)
+        if inputs.is_undisturbed:
+            self._keep_momentum(successor, Momentum(end.momentum[:3], end.momentum[3:]))
+        return successor
+
+    def _keep_momentum(self, state: SimulationState, conserved: Momentum) -> None:
+        """Let the next step from a state begin with this momentum."""
+        self._momentum_state = state
+        self._conserved_momentum = conserved
 
     def step(self, state: SimulationState, inputs: StepInputs) -> SimulationState:
         """The state one step later.
@@ -189,35 +250,28 @@ class TimeStepping:
         coordinates = self._use_coordinates(state, inputs)
         initial_rates = self._rates_at(state, coordinates, inputs)
         conserved = self._momentum_before(state, initial_rates) if inputs.is_undisturbed else None
-        has_friction = len(self._friction.joints) > 0 and inputs.motion is None
-        impulses = np.zeros(0)
-        limits = impulses, impulses
-        if has_friction:
-            limits = self._friction_limits(state, initial_rates, inputs)
-            inputs, impulses = self._add_friction_efforts(state, initial_rates, inputs, limits)
-        initial_q = self._program_positions(state.joint_positions)
+        initial_q = self.program_positions(state.joint_positions)
+        inputs, friction = self._friction.begin(state, initial_q, initial_rates, coordinates, inputs)
         chart, q, rates, coordinates = self._integrator.step(state, initial_q, initial_rates, coordinates, inputs)
         time = (state.steps + 1) * self._step
-        pose = _displaced(state.pose, chart)
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = displaced(state.pose[:3, :3], state.pose[:3, 3], chart)
         if inputs.motion is not None:
             rates[6:] = inputs.motion(time)[1]
         if conserved is not None:
             A = self._plant.inertia_matrix(q)
-            gravity = self._plant.dynamics.robot.gravity
-            conserved = Momentum(conserved.linear + A[0, 0] * self._step * gravity, conserved.angular)
+            conserved = after_gravity(conserved, A[0, 0], self._plant.dynamics.robot.gravity, self._step)
             rates[:6] = twist_from_momentum(conserved, A, pose[:3, :3], rates)
-        if has_friction:
-            rates = rates + self._friction_response(q, rates, inputs, impulses, limits)[0]
+        rates = self._friction.end(q, rates, inputs, friction)
         rates = self._constraints.project_onto_constraints(q, rates, keep_joint_rates=inputs.motion is not None)
         successor = self._build_state(state.steps + 1, time, pose, q, rates, coordinates, state.joint_velocities)
         if conserved is not None:
-            self._momentum_state = successor
-            self._conserved_momentum = conserved
+            self._keep_momentum(successor, conserved)
         return successor
 
     def rate_derivatives(self, state: SimulationState, inputs: StepInputs) -> tuple[Array, Array]:
         """Derivative of the twist (6,) and accelerations (n,) of Dynamics.joint_names, without dry friction."""
-        q = self._program_positions(state.joint_positions)
+        q = self.program_positions(state.joint_positions)
         coordinates = self._use_coordinates(state, inputs)
         derivative = self._integrator.accelerations(state, q, state.rates, coordinates, inputs)
         if self._plant.loops is None:
@@ -227,12 +281,12 @@ class TimeStepping:
     def inertia_matrix(self, state: SimulationState) -> Array:
         """A (6 + n, 6 + n), or (n, n) on a fixed base, in the coordinates of the rates of a state."""
         self._use_state_coordinates(state)
-        return self._plant.inertia_matrix(self._program_positions(state.joint_positions))
+        return self._plant.inertia_matrix(self.program_positions(state.joint_positions))
 
     def rolling_residual(self, state: SimulationState) -> Array:
         """Velocities (m,) [m/s, rad/s] of a state that plane and wheels forbid."""
         self._use_state_coordinates(state)
-        return self._constraints.residual(self._program_positions(state.joint_positions), state.rates)
+        return self._constraints.residual(self.program_positions(state.joint_positions), state.rates)
 
     def _build_state(
         self,
@@ -249,7 +303,7 @@ class TimeStepping:
         direction: velocities (all joints,) of the motion that led here; None at the start.
         """
         velocities = self._joint_velocities(q, rates, direction, coordinates)
-        joint_positions = q if self._takes_all_joints else self._plant.dynamics.expand_positions(q)
+        joint_positions = q if self._plant.takes_all_joints else self._plant.dynamics.expand_positions(q)
         return SimulationState(
             steps=steps,
             time=time,
@@ -270,7 +324,7 @@ class TimeStepping:
             return self._plant.initial_velocities(coordinates, q, rates)
         if coordinates is not None and direction is not None:
             return self._plant.velocities(coordinates, q, rates, direction)
-        return rates[6:].copy() if self._takes_all_joints else self._plant.velocity_matrix(q) @ rates[6:]
+        return rates[6:].copy() if self._plant.takes_all_joints else self._plant.velocity_matrix(q) @ rates[6:]
 
     def _initial_coordinates(self, q: Array) -> LoopCoordinates | None:
         """Coordinates of Dynamics.joint_names at positions (all joints,), used from now on; None without loops."""
@@ -305,7 +359,7 @@ class TimeStepping:
         """
         if inputs.motion is None:
             return state.rates
-        q = self._program_positions(state.joint_positions)
+        q = self.program_positions(state.joint_positions)
         rates = np.concatenate([state.twist, inputs.motion(state.time)[1]])
         if self._base == "free":
             R = state.pose[:3, :3]
@@ -323,63 +377,3 @@ class TimeStepping:
         if self._momentum_state is state and self._conserved_momentum is not None:
             return self._conserved_momentum
         return momentum(self.inertia_matrix(state), state.pose[:3, :3], initial_rates)
-
-    def _friction_limits(self, state: SimulationState, initial_rates: Array, inputs: StepInputs) -> tuple[Array, Array]:
-        """Lowest and highest impulse (k,) of dry friction in a step that begins with rates (6 + n,)."""
-        if self._friction.constant_limits is not None:
-            return self._friction.constant_limits
-        self._use_coordinates(state, inputs)
-        joints = self._friction.joints
-        joint_shares = self._plant.velocity_matrix(self._program_positions(state.joint_positions))[joints].T
-        efforts = inputs.efforts[joints] if self._plant.loops is not None else joint_shares.T @ inputs.efforts
-        return self._friction.impulse_limits(joint_shares.T @ initial_rates[6:], efforts)
-
-    def _add_friction_efforts(
-        self, state: SimulationState, initial_rates: Array, inputs: StepInputs, limits: tuple[Array, Array]
-    ) -> tuple[StepInputs, Array]:
-        """Inputs with friction among the efforts, and its impulses (k,) within the limits (k,) of dry friction.
-
-        The friction predicted for the end of the step acts throughout the step, so that sticking joints do not move.
-        """
-        q = self._program_positions(state.joint_positions)
-        coordinates = self._use_coordinates(state, inputs)
-        accelerations = self._integrator.accelerations(state, q, initial_rates, coordinates, inputs)
-        predicted_rates = initial_rates + self._step * accelerations
-        joints = self._friction.joints
-        _, impulses, joint_shares = self._friction_response(q, predicted_rates, inputs, np.zeros(len(joints)), limits)
-        efforts = inputs.efforts.copy()
-        if self._plant.loops is not None:
-            efforts[joints] += impulses / self._step
-        else:
-            efforts += joint_shares @ impulses / self._step
-        return inputs._replace(efforts=efforts), impulses
-
-    def _friction_response(
-        self, q: Array, rates: Array, inputs: StepInputs, applied_impulses: Array, limits: tuple[Array, Array]
-    ) -> tuple[Array, Array, Array]:
-        """Change of the rates (6 + n,) by friction, its impulses (k,), and the shares (n, k) of joints in them.
-
-        applied_impulses: (k,) those that the rates (6 + n,) contain already; limits: lowest and highest impulse (k,) of
-        dry friction.
-        """
-        friction = self._friction
-        joint_shares = self._plant.velocity_matrix(q)[friction.joints].T
-        response = self._constraints.impulse_response(q, rates, inputs.drive is not None)[:, 6:] @ joint_shares
-        W = joint_shares.T @ response[6:]
-        velocities = joint_shares.T @ rates[6:] - W @ applied_impulses
-        viscous_gains = friction.viscous_gains + friction.viscous_asymmetries * np.sign(velocities)
-        impulses = friction_impulses(W, velocities, limits, viscous_gains)
-        return response @ (impulses - applied_impulses), impulses, joint_shares
-
-    def _program_positions(self, joint_positions: Array) -> Array:
-        """Positions as the programs take them, from positions (all joints,)."""
-        return joint_positions if self._takes_all_joints else joint_positions[self._joint_indices]
-
-
-def _displaced(pose: Array, chart: Array) -> Array:
-    """Pose (4, 4) at a point (6,) of the chart that begins at a pose (4, 4)."""
-    R, P = pose[:3, :3], pose[:3, 3]
-    displaced = np.eye(4)
-    displaced[:3, :3] = orthonormalize(R @ exponential(chart[:3]))
-    displaced[:3, 3] = P + R @ chart[3:]
-    return displaced

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from peers.random_signals import random_signals
 from scipy.linalg import block_diag, toeplitz
 from scipy.signal import lfilter
 
@@ -23,25 +24,9 @@ def free_sizes(squares, products):
 
 @pytest.fixture
 def signals():
-    rng = np.random.default_rng(0)
-    times = STEP * np.arange(N)
-    velocities = np.stack([np.sin(3 * times), np.cos(2 * times)], axis=1)
     valid = np.ones((N, 2), dtype=bool)
     valid[50:54, 1] = False
-    return FaultSignals(
-        times=times,
-        step=STEP,
-        band=4.0,
-        residuals=rng.normal(size=(N, 2)),
-        predicted=np.cumsum(rng.normal(size=(N, 2)), axis=0),
-        velocity_signs=np.sign(velocities),
-        velocities=velocities,
-        payload_efforts=np.zeros((N, 2, 4)),
-        offset_efforts=np.zeros((N, 2, 2)),
-        valid=valid,
-        resting=~valid,
-        recorded=np.ones(N),
-    )
+    return random_signals(valid)
 
 
 @pytest.mark.parametrize("is_constant_error", [False, True])

@@ -5,7 +5,7 @@ import pytest
 from peers.recorded import JOINTS, message, messages, panda_motion, uneven_times, write_bag
 
 from robot_dynamics import Dynamics, load_robot
-from robot_dynamics.checking.check import check
+from robot_dynamics.checking.check import CheckSums, check, judge
 from robot_dynamics.checking.comparison import Comparison
 from robot_dynamics.checking.prediction_filter import PredictedMotion
 from robot_dynamics.checking.tolerances import load_tolerances
@@ -13,6 +13,7 @@ from robot_dynamics.errors import DescriptionError, RecordingError
 from robot_dynamics.recordings.drives import direct_drives, load_drives, write_drives
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.recording import open_recording
+from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 DYNAMICS = Dynamics(load_robot("panda"))
 MOTION = panda_motion(duration=20.0)
@@ -42,8 +43,12 @@ def test_check_of_efforts_by_pinocchio_passes_with_the_noise_as_residual(tmp_pat
         assert verdict.joint.rms_unfiltered == pytest.approx(NOISE, rel=0.05)
         assert abs(verdict.joint.bias) < 0.03
         assert verdict.joint.samples == len(MOTION.times) - 26  # 13 at either end, a period of 8 Hz
-    assert result.notes == (
-        "26 samples are at the ends of segments, where the filter has data on one side only, and were skipped",
+    edges, scale = result.notes
+    assert (
+        edges == "26 samples are at the ends of segments, where the filter has data on one side only, and were skipped"
+    )
+    assert scale.startswith(
+        "scale too uncertain for a verdict, by its deviation or a small effort: panda_joint5 0.931 ± 0.092. Record"
     )
 
 
@@ -208,7 +213,7 @@ def test_check_reads_csv_with_named_columns(tmp_path):
     (tmp_path / "run.csv").write_text("\n".join(lines))
     result = checked(tmp_path / "run.csv")
     assert result.passed and max(verdict.joint.rms for verdict in result.verdicts) < 0.1
-    assert any("cells that are no numbers" in note for note in result.notes)
+    assert any("cells have no number and were taken as missing: " in note for note in result.notes)
     (tmp_path / "bare.csv").write_text("\n".join(lines[1:]))
     with pytest.raises(RecordingError, match="first line has no column names"):
         checked(tmp_path / "bare.csv")
@@ -232,7 +237,7 @@ def test_table_skips_and_counts_broken_lines_without_clock_jumps(tmp_path):
     lines[300:300] = [""]
     broken.write_text("\n".join(lines) + "\n\n")
     expected, result = checked(whole), checked(broken)
-    assert "6 rows have a time that is no finite number and were skipped" in result.notes
+    assert "6 rows have a time that is no finite number, or beyond 9e+09 s, and were skipped" in result.notes
     assert not any("clock" in note or "gaps" in note for note in result.notes)
     assert (result.duration, result.comparison.samples) == (expected.duration, expected.comparison.samples)
     rms = [[verdict.joint.rms for verdict in each.verdicts] for each in (result, expected)]
@@ -300,3 +305,39 @@ def test_check_notes_probable_degrees_and_milliseconds(tmp_path):
     assert (
         "rows are 10 s apart: are the times in milliseconds or nanoseconds? Seconds are needed" in checked(path).notes
     )
+
+
+def test_check_names_columns_with_empty_cells_and_other_separators(tmp_path):
+    path, lines = tmp_path / "run.csv", table_lines(MOTION)
+    head = lines[0].split(",")
+    column = head.index("panda_joint3.effort")
+
+    def emptied(line):
+        cells = line.split(",")
+        return ",".join([*cells[:column], "", *cells[column + 1 :]])
+
+    path.write_text("\n".join([*lines[:500], *map(emptied, lines[500:600]), *lines[600:]]))
+    result = checked(path)
+    note = "cells are empty and were taken as missing: panda_joint3.effort (100 rows)"
+    assert note in result.notes and "1 gaps; no samples are interpolated across a gap" in "; ".join(result.notes)
+    assert not any(str(path) in note for note in result.notes)
+    efforts = [number for number, name in enumerate(head) if name.endswith(".effort")]
+    rows = [line.split(",") for line in lines[1:]]
+    empty = [",".join("" if number in efforts else cell for number, cell in enumerate(row)) for row in rows]
+    path.write_text("\n".join([lines[0], *empty]))
+    with pytest.raises(RecordingError, match=r"nothing was measured; cells are empty .*: panda_joint1.effort \(2000 r"):
+        checked(path)
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        path.write_text("\n".join(lines).replace(",", separator))
+        with pytest.raises(RecordingError, match=f"columns are separated by {name}. Separate them by commas"):
+            checked(path)
+
+
+@pytest.mark.parametrize(
+    ("notes", "reason"), [((), "It has no motion"), (("the file breaks off",), "the file breaks off")]
+)
+def test_parts_without_samples_are_refused_with_the_notes_of_the_files(notes, reason):
+    total = CheckSums(Comparison(DYNAMICS.joint_names), SampleStatistics())
+    total.append(CheckSums(Comparison(DYNAMICS.joint_names), SampleStatistics(), notes))
+    with pytest.raises(RecordingError, match=rf"run: no samples are left\. {reason}$"):
+        judge("run", DYNAMICS, load_tolerances(), total)

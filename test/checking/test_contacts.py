@@ -56,3 +56,11 @@ def test_residual_that_is_there_when_a_joint_comes_to_rest_is_no_contact(joints,
     assert find_contact_at_rest(signals_of(residuals, resting), joints) is None
     residuals[600:660, 1] += 3 * FRICTION
     assert find_contact_at_rest(signals_of(residuals, resting), joints).joints == (1,)
+
+
+@pytest.mark.parametrize("friction", [0.0, 1e-6])
+def test_joint_whose_friction_is_not_seen_has_no_bound(joints, friction):
+    residuals = 0.05 * np.random.default_rng(0).normal(size=(N, 2))
+    residuals[400:460, 1] += 3 * FRICTION
+    without = tuple(replace(joint, coulomb_friction=friction) for joint in joints)
+    assert find_contact_at_rest(signals_of(residuals, np.ones((N, 2), dtype=bool)), without) is None

@@ -244,3 +244,18 @@ def test_live_check_of_which_little_can_be_compared_does_not_pass():
     steady, failures = new_check(), []
     feed_all(steady, samples(noisy()), 10, lambda number: failures.append(steady.coverage_failure))
     assert steady.result().coverage > 0.95 and len(failures) > 20 and not any(failures)
+
+
+@pytest.mark.parametrize("field", ["velocity", "effort", "position"])
+def test_a_value_that_no_robot_has_once_a_second_is_skipped_and_counted(field):
+    sound, disturbed = samples(noisy()), samples(noisy())
+    for number, sample in enumerate(disturbed):
+        if number % RATE == RATE // 2:
+            getattr(sample, field)[2] = (-1) ** number * 1e300
+    live, expected = new_check(), new_check()
+    feed_all(live, disturbed)
+    feed_all(expected, sound)
+    assert live.statistics.counts["unbounded"] == round(MOTION.times[-1])
+    for verdict, usual in zip(live.result().verdicts, expected.result().verdicts, strict=True):
+        assert verdict.word == usual.word
+        assert verdict.joint.rms == pytest.approx(usual.joint.rms, rel=0.05)

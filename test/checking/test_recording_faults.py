@@ -1,4 +1,4 @@
-"""Faults of a recording itself are named and dated: encoders that jump, and rows that are missing."""
+"""Faults of a recording itself are named and dated: encoders that jump, columns that are swapped, missing rows."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from peers.recorded import panda_motion
 
-from robot_dynamics import Dynamics, load_robot
+from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.checking.check import Predictor
 from robot_dynamics.checking.faults import Evidence
 from robot_dynamics.recordings.alignment import resample_samples
@@ -78,3 +78,40 @@ def test_rows_that_are_missing_at_one_time_are_named(predictor, samples, shows_g
     later = times[kept] - (0 if shows_gap else 0.3) * (times[kept] > 9)
     fault = find_fault(predictor, later, *(signal[kept] for signal in signals))
     assert fault.kind == "missing" and fault.onset == pytest.approx(9.0, abs=0.2)
+
+
+@pytest.mark.parametrize("onset", [0.0, 12.0])
+@pytest.mark.parametrize("pair", [(0, 1), (2, 6), (4, 5)])
+def test_joints_whose_columns_are_swapped_are_named(predictor, samples, pair, onset):
+    times, *signals = samples
+    after = times >= onset
+    for signal in signals:
+        signal[np.ix_(after, pair)] = signal[np.ix_(after, pair[::-1])]
+    fault = find_fault(predictor, times, *signals)
+    assert (fault.kind, fault.joints) == ("swapped", tuple(predictor.drives.names[joint] for joint in pair))
+    assert fault.onset == pytest.approx(onset, abs=0.3)
+    assert ("from the start" in fault.sentence) == (onset == 0)
+
+
+def test_efforts_that_are_swapped_from_the_start_are_named_so(predictor, samples):
+    times, q, qd, efforts = samples
+    efforts[:, [1, 3]] = efforts[:, [3, 1]]
+    fault = find_fault(predictor, times, q, qd, efforts)
+    assert (fault.kind, fault.joints) == ("swapped", ("panda_joint2", "panda_joint4"))
+    assert fault.sentence.startswith("efforts of") and "from the start" in fault.sentence
+    assert fault.between[0] <= fault.onset < 1
+
+
+def test_load_from_the_start_is_an_error_of_the_model(predictor, samples):
+    times, q, qd, efforts = samples
+    robot = predictor.dynamics.robot.with_payload("panda_link8", Inertia(2.0))
+    qdd = np.gradient(qd, times, axis=0)
+    loaded = Dynamics(robot).inverse(q, qd, qdd) - predictor.dynamics.inverse(q, qd, qdd)
+    assert find_fault(predictor, times, q, qd, efforts + loaded) is None
+
+
+def test_friction_that_falls_slowly_is_no_fault(predictor, samples):
+    """A joint that warms up: its friction falls by 3 N m in 25 s."""
+    times, q, qd, efforts = samples
+    efforts[:, 3] -= 3 * times / DURATION * np.sign(qd[:, 3])
+    assert find_fault(predictor, times, q, qd, efforts) is None

@@ -184,5 +184,10 @@ def test_uncertain_scale_of_all_joints_is_said():
     (sentence,) = undetermined_scale([rubbing], NORMAL)
     assert "scale not determined" in sentence and "10 %" in sentence
     assert not list(undetermined_scale([rubbing, loaded], NORMAL))
+    beyond = replace(rubbing, joint=replace(rubbing.joint, joint="rubbing", scale=1.5, scale_deviation=0.3))
+    (sentence,) = undetermined_scale([beyond, loaded], NORMAL)
+    assert sentence.startswith(
+        "scale too uncertain for a verdict, by its deviation or a small effort: rubbing 1.5 ± 0.3. Record"
+    )
     # and truly so: the same joint passes with a wrong gain
     assert verdict_of(1.1 * (gravity(times, 1.0) + friction), gravity(times, 1.0) + friction, noise=0.1).passed

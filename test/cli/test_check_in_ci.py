@@ -49,7 +49,8 @@ def test_junit_has_a_suite_for_each_recording_and_a_case_for_each_joint(tmp_path
     assert "panda_joint7" in skipped  # an effort as large as its noise
     assert "is no bag" in suites[2].find("testcase/error").get("message")
     printed = capsys.readouterr().out
-    assert f"not checked: {text}" in printed and max(
+    escaped = str(text).replace("\x07", "\\x07")  # a terminal does not get the character either
+    assert f"not checked: {escaped}" in printed and max(
         map(len, printed.split("\n\n")[0].splitlines()[:5])
     ) < 60 + 2 * len(str(good))
     assert run(text, "--junit", file) == 1
@@ -101,7 +102,12 @@ def test_baseline_of_several_recordings_is_matched_by_name(tmp_path, capsys):
     assert run(first, "--json", old) == 0
     assert run(first, second, "--baseline", old) == 0
     printed = capsys.readouterr().out
-    assert f"{second} is not in the baseline" in printed and "0 of 7 joints are worse" in printed
+    assert f"note: {second} is not in the baseline {old}, and not compared with it. It has {first}\n" in printed
+    assert "0 of 7 joints are worse" in printed
+    third = bag_with(tmp_path / "third", seed=3)
+    assert run(first, second, third, "--baseline", old) == 0
+    printed = capsys.readouterr().out
+    assert f"note: {second}, {third} are not in the baseline" in printed and printed.count("not in the base") == 1
     refused = '{"recordings": [{"recording": "a", "refused": "b"}]}'
     for text, expected in (("{}", "is no result of replay-check"), ("x", "is no result"), (None, "cannot be read"),
                            (refused, "no recording that was checked")):  # fmt: skip
@@ -159,3 +165,30 @@ def test_invalid_parts_are_refused(tmp_path, capsys, verb):
     ):  # fmt: skip
         assert main([verb, str(bag), "--robot", "panda", *arguments]) == 1
         assert expected in capsys.readouterr().err
+
+
+def test_baseline_of_another_motion_is_said(tmp_path, capsys):
+    first, again = bag_with(tmp_path / "first", seed=1), bag_with(tmp_path / "again", seed=2)
+    other = bag_with(tmp_path / "other", motion=panda_motion(duration=12.0, seed=3, speed=0.5))
+    old = tmp_path / "old.json"
+    assert run(first, "--json", old) == 0
+    run(again, "--baseline", old)
+    assert "another motion" not in capsys.readouterr().out
+    run(other, "--baseline", old)
+    assert f"note: {other}: another motion or load than in the baseline" in capsys.readouterr().out
+
+
+def test_words_for_one_recording_are_those_for_many(tmp_path, capsys):
+    good, bad = bag_with(tmp_path / "good"), bag_with(tmp_path / "bad", offset=15.0)
+    assert run(bad, "--faults") == 3
+    alone = capsys.readouterr().out
+    assert run(good, bad, "--faults") == 3
+    together = capsys.readouterr().out
+    (since,) = [line.partition("since ")[2] for line in alone.splitlines() if line.startswith("FAILED, out of tol")]
+    (row,) = [line for line in together.splitlines() if line.startswith(str(bad)) and "FAILED" in line]
+    assert "out of tolerance since [s]" in together and f" {since.removesuffix(' s')} " in row
+    assert row.endswith("failed: panda_joint4; not judged: panda_joint7")
+    assert "no fault found" in alone and together.count("no fault found") == 1
+    notes = [line for line in together.splitlines() if line.startswith("note: ")]
+    assert notes[0].startswith("note: both recordings: 26 samples are at the ends")
+    assert together.endswith("1 passed, 1 FAILED\n")

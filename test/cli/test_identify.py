@@ -4,6 +4,8 @@ import json
 import re
 import sys
 from argparse import Namespace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -14,6 +16,7 @@ from peers.recorded import JOINTS, loaded_panda, messages, panda_model, panda_mo
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli.main import main
+from robot_dynamics.cli.parameter_rows import describe_negative_values
 from robot_dynamics.cli.payload_arguments import parse_known_payloads
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.identification.drive_gains import Payload
@@ -53,8 +56,9 @@ def test_identify_corrects_a_wrong_description(bags, tmp_path, capsys):
     mass = next(entry for entry in results["parameters"] if entry["name"] == "MX.panda_link6")
     assert mass["seen"] and mass["value"] > mass["description"] + 20 * mass["deviation"]  # the hand
     assert mass["deviation_within_run"] == mass["deviation"]
-    values = [entry["value"] for entry in results["parameters"] if entry["name"] == "Fv.panda_joint1"]
-    assert values == pytest.approx([1.5], abs=0.05)
+    viscous = next(entry for entry in results["parameters"] if entry["name"] == "Fv.panda_joint1")
+    assert viscous["value"] == pytest.approx(1.5, abs=0.05)
+    assert viscous["written"] == pytest.approx(robot.joints[0].viscous_friction, abs=1e-9)
 
 
 def test_a_recording_that_does_not_determine_the_robot_has_another_exit_status(tmp_path, capsys):
@@ -84,6 +88,36 @@ def test_a_robot_that_has_changed_fails_the_validation(bags, tmp_path, capsys):
     assert max(results["consistent_validated"]["rms"]) > 3 * max(results["consistent"]["rms"])
     (alternative,) = results["alternatives"]
     assert alternative["option"] == "--no-rotor-inertia" and len(alternative["held_out_rms"]) == 7
+
+
+def test_values_that_the_written_robot_cannot_have_are_said(tmp_path, capsys):
+    """Joints that efforts drive along: negative viscous friction, which no written robot has."""
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
+    motion = panda_motion(20.0, viscous=-0.5, coulomb=1.0)
+    bag, figures, fitted = (
+        write_bag(tmp_path / "run", messages(motion)),
+        tmp_path / "fit.json",
+        tmp_path / "fitted.yaml",
+    )
+    assert main(["identify", str(bag), "--robot", "panda", "--json", str(figures), "--output", str(fitted)]) == 0
+    printed = capsys.readouterr().out
+    assert "below zero in the fit, and not in the written robot: " in printed and "Fv.panda_joint1 -0.5" in printed
+    parameters = {entry["name"]: entry for entry in json.loads(figures.read_text())["parameters"]}
+    joints = load_robot(fitted).joints
+    for number, name in enumerate(JOINTS):
+        assert parameters[f"Fv.{name}"]["value"] < -0.4 and joints[number].viscous_friction < 1e-3
+        for key, written in (("Fv", joints[number].viscous_friction), ("Fs", joints[number].coulomb_friction)):
+            assert parameters[f"{key}.{name}"]["written"] == pytest.approx(written, abs=1e-5)
+
+
+def test_sums_of_friction_below_zero_are_said():
+    model = SimpleNamespace(
+        names=("Fv.a", "Fs.a", "Fva.a", "Fst.a", "Fv.b", "Fs.b", "Fst.b"),
+        dynamics=SimpleNamespace(joint_names=("a", "b")),
+    )
+    fit = SimpleNamespace(model=model, values=np.array([1, 2, -1.5, -2.5, -0.1, 2, -1.0]), seen=np.ones(7, dtype=bool))
+    fit.standard_deviations = np.full(7, 0.2)
+    assert describe_negative_values(fit) == ["Fs + Fst of a -0.5", "Fv - |Fva| of a -0.5"]
 
 
 def test_the_written_robot_is_not_needed_without_its_solver(bags, monkeypatch, capsys):
@@ -235,9 +269,11 @@ def test_known_payloads_are_parsed_or_refused(currents):
         ([f"{loaded}=panda_link8:-1"], "RECORDING=LINK:MASS is needed"), ([f"{loaded}=panda_link9:1"], "panda_link9"),
         ([f"{loaded}=panda_link0:1"], "no joint carries it"), (["nowhere=panda_link8:1"], "not one of the recordings"),
         (2 * [f"{loaded}=panda_link8:1"], "has a payload already"),
+        (["nowhere=panda_link8:1"], f"Name one of: {currents[0]}, {currents[1]}"),
     ):  # fmt: skip
         with pytest.raises(RobotDynamicsError, match=expected):
             parse(*payloads)
+    assert parse(f"{Path(loaded).name}=panda_link8:2.5") == {loaded: Payload("panda_link8", 2.5)}
     with pytest.raises(RobotDynamicsError, match="only with --gains"):
         parse(f"{loaded}=panda_link8:1", gains=False)
     with pytest.raises(RobotDynamicsError, match="in no recording that is fitted"):

@@ -6,6 +6,7 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
+from peers.cluster import local_cluster
 from peers.recorded import JOINTS, messages, panda_motion, write_bag
 
 from robot_dynamics.cli.executors import open_executor
@@ -28,9 +29,7 @@ def bags(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def cluster():
-    LocalCluster = pytest.importorskip("distributed", reason="dask[distributed] is not installed").LocalCluster
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None,
-                      silence_logs="ERROR") as started:  # fmt: skip
+    with local_cluster() as started:
         yield started
 
 
@@ -80,7 +79,7 @@ def test_checks_are_equal_with_every_executor(bags, cluster, tmp_path, capfd):
         results.append(json.loads(figures.read_text()))
         outputs.append(capfd.readouterr().out)
     assert equal(results[0], results[1]) and equal(results[0], results[2]) and len(set(outputs)) == 1
-    assert completed_tasks(cluster)["check_path"] == 4
+    assert completed_tasks(cluster)["check_or_divide"] == 4
     assert "2 passed, 1 FAILED, 1 not checked" in outputs[0]
     recordings = results[0]["recordings"]
     assert [entry["passed"] for entry in recordings] == [True, True, False, None]

@@ -10,8 +10,8 @@ from peers.loop_states import mobility
 from peers.random_loops import random_loops
 
 from robot_dynamics import DescriptionError, Dynamics, InvalidInputError, SingularModelError, load_robot
+from robot_dynamics.constraints.closure_search import find_widest_loop
 from robot_dynamics.constraints.loop_equations import equations_per_loop
-from robot_dynamics.constraints.mobility import find_widest_loop
 from robot_dynamics.model.joint import Mimic, Spring
 from robot_dynamics.model.loop import Loop, LoopEnd
 from robot_dynamics.model.placement import placement

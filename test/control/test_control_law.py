@@ -1,5 +1,6 @@
 """Control laws compared with Pinocchio, and for every class of robot with the direct model and the error dynamics."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,8 @@ from peers.planar_stack import planar_stack
 from peers.real_robots import real_urdf
 
 from robot_dynamics import Base, Dynamics, InvalidInputError, load_robot, shipped_robots
+from robot_dynamics.codegen.jit import background_compilation
+from robot_dynamics.codegen.jit.compiled_models import COMPILE_THRESHOLD
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.control.modes import FRICTION_VELOCITIES
 from robot_dynamics.control.reference import Trajectory
@@ -290,3 +293,28 @@ def test_joints_without_limits_do_not_turn_back_whole_turns():
 def test_joints_that_cannot_get_efforts_are_refused(robot, joints, message):
     with pytest.raises(InvalidInputError, match=message):
         law_of(load_robot(robot), joints)
+
+
+@pytest.mark.parametrize("name", ["gough_stewart", "four_bar", "panda"])
+def test_nothing_is_compiled_while_efforts_are_computed(name, monkeypatch):
+    """The compiler shares the processor and Python's lock with the stream: efforts would be late for seconds."""
+    started = []
+    monkeypatch.setattr(background_compilation, "run_in_background", lambda *arguments: started.append(arguments))
+    dynamics = Dynamics(load_robot(name))
+    law = ControlLaw(dynamics, actuated_joint_names(dynamics))
+    numbers = [dynamics.robot.joint_numbers[joint] for joint in dynamics.joint_names]
+    home = dynamics.initial_joint_positions[numbers]
+    indices = law.joint_indices
+    reference = np.zeros((3, len(law.joints)))
+    efforts = np.empty(len(law.joints))
+    began = time.perf_counter()
+    step = 0
+    while time.perf_counter() - began < 10 * COMPILE_THRESHOLD:
+        step += 1
+        law.q[:] = home + 0.01 * np.sin(0.01 * step)
+        reference[0] = home[indices]
+        law.computed_torque(reference, 100.0, 20.0, efforts)
+        law.feedforward(reference, efforts)
+        law.gravity_compensation(efforts)
+    assert np.isfinite(efforts).all()
+    assert started == []

@@ -68,6 +68,25 @@ def test_missing_reference_causes_the_action_of_the_settings(action):
     np.testing.assert_allclose(sent[-1], np.clip(expected[action], -LIMITS, LIMITS), atol=1e-9)
 
 
+def test_reason_of_a_fault_is_silence_when_refused_states_stop():
+    controller = make_controller(mode="gravity_compensation")
+    run(controller, 0, 0.2)
+    refusal = "joint_states has no 'elbow'"
+    controller.reject_state(0.2, refusal)
+    assert controller.fault == refusal
+    controller.tick(0.219)
+    assert controller.fault == refusal
+    controller.tick(0.221)
+    assert controller.fault == f"no joint_states for more than 20 ms; the last ones could not be used: {refusal}"
+    controller.reject_state(0.23, refusal)
+    assert controller.fault == refusal
+    run(controller, 0.231, 0.24)
+    assert controller.fault == ""
+    controller.tick(0.25)
+    controller.tick(0.265)
+    assert controller.fault == "no joint_states for more than 20 ms"
+
+
 @pytest.mark.parametrize("cause", ["silence", "nan", "refused"])
 def test_efforts_without_a_state_decay_to_zero_in_the_ramp_time(cause):
     controller = make_controller(mode="gravity_compensation", ramp_time=0.05)
@@ -179,6 +198,33 @@ def test_reference_that_comes_during_a_fault_lasts_a_ramp_time():
         assert controller.no_reference_reason == ""
     controller.reject_state(0.602, "wrong")
     assert "dropped when efforts went to zero: wrong" in controller.no_reference_reason
+
+
+@pytest.mark.parametrize(("seconds", "is_followed"), [(0.09, True), (0.2, False)])
+@pytest.mark.parametrize("received", [0.2, 0.35])
+def test_trajectory_that_was_read_during_a_fault_is_followed_as_one_that_came_at_once(seconds, is_followed, received):
+    controller = make_controller()
+    run(controller, 0, 0.3)
+    trajectory = controller.prepare_trajectory([0.0], HOLD)
+    for now in np.arange(0.3, max(received, 0.3) + seconds, MS):
+        controller.reject_state(now, "wrong")
+    run(controller, now + MS, now + 0.5)
+    if is_followed:
+        controller.follow(now + 0.5, now + 0.5, trajectory, received)
+    else:
+        with pytest.raises(InvalidInputError, match="efforts went to zero while the trajectory was read"):
+            controller.follow(now + 0.5, now + 0.5, trajectory, received)
+    assert (controller.no_reference_reason == "") == is_followed
+
+
+def test_trajectory_that_was_received_before_the_clock_jumped_back_is_refused():
+    controller = make_controller()
+    run(controller, 5.0, 5.3)
+    trajectory = controller.prepare_trajectory([0.0], HOLD)
+    run(controller, 1.0, 1.2)
+    with pytest.raises(InvalidInputError, match="the clock jumped back while"):
+        controller.follow(1.2, 1.2, trajectory, 5.25)
+    assert "clock jumped back" in controller.fault
 
 
 def test_clock_that_jumps_back_is_a_fault_until_a_new_reference():

@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import BPoly
 
 from robot_dynamics import InvalidInputError
-from robot_dynamics.control.reference import ReferencePoint, Trajectory
+from robot_dynamics.control.reference import BLOCK, ReferencePoint, ScheduledTrajectory, Trajectory
 
 RNG = np.random.default_rng(3)
 
@@ -17,9 +17,10 @@ def sampled(reference, time, size):
 
 
 @pytest.mark.parametrize("order", [1, 2, 3])
-def test_trajectory_segments_match_the_derivatives_at_their_ends(order):
-    times = np.cumsum(RNG.uniform(0.05, 2.0, 12)) + 1e3
-    points = RNG.normal(size=(3, 12, 4))
+@pytest.mark.parametrize("count", [12, 2 * BLOCK + 2], ids=["one block", "three blocks"])
+def test_trajectory_segments_match_the_derivatives_at_their_ends(order, count):
+    times = np.cumsum(RNG.uniform(0.05, 2.0, count)) + 1e3
+    points = RNG.normal(size=(3, count, 4))
     points[1:, -1] = 0
     trajectory = Trajectory(times, *points[:order])
     peer = BPoly.from_derivatives(times, np.swapaxes(points[:order], 0, 1))
@@ -49,6 +50,28 @@ def test_trajectory_rests_at_both_ends_and_can_be_sampled_backwards():
     np.testing.assert_allclose(sampled(trajectory, 1.5, 1), [[0.5], [1], [0]])
     single = Trajectory([1.0], [[4.0]])
     np.testing.assert_array_equal(sampled(single, 1.0, 1), [[4], [0], [0]])
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_trajectory_that_starts_later_is_reached_as_one_with_a_point_before_it(moving):
+    times, points = np.array([0.5, 1.0, 2.0]), RNG.normal(size=(3, 3, 2))
+    points[1:, -1] = 0
+    if not moving:
+        points[1:, 0] = np.nan
+    present = np.where(np.isnan(points[:, 0]), np.nan, RNG.normal(size=(3, 2)))
+    now, start = 10.0, 11.0
+    trajectory = Trajectory(times, *points)
+    lead = Trajectory.between(np.array([now, start + 0.5]), np.stack([present, trajectory.first_point], axis=1))
+    scheduled = ScheduledTrajectory(trajectory, start, lead)
+    whole = Trajectory([now, *start + times], *np.concatenate([present[:, None], points], axis=1))
+    for time in [9.0, now, *RNG.uniform(now, start + 2.0, 200), *start + times, 20.0]:
+        np.testing.assert_allclose(sampled(scheduled, time, 2), sampled(whole, time, 2), rtol=1e-9, atol=1e-9)
+
+
+def test_threads_are_let_go_on_while_a_long_trajectory_is_prepared():
+    pauses = []
+    Trajectory(np.arange(5 * BLOCK + 1.0), np.zeros((5 * BLOCK + 1, 1)), yield_thread=lambda: pauses.append(1))
+    assert len(pauses) == 4
 
 
 def test_reference_point_continues_with_its_derivatives():

@@ -24,8 +24,13 @@ def options(command):
     words = command.split("||")[0].split()
     assert words[:2] == ["robot-dynamics", "replay-check"]
     words = words[min(number for number, word in enumerate(words) if word.startswith("--")) :]
-    pairs = dict(zip(words[::2], words[1::2], strict=True))
-    return {option: value for option, value in pairs.items() if option not in ("--robot", "--drives")}
+    values = {}
+    for word in words:
+        if word.startswith("--"):
+            values[option := word] = ""
+        else:
+            values[option] += word
+    return {option: value for option, value in values.items() if option not in ("--robot", "--drives")}
 
 
 def executed_commands():

@@ -15,13 +15,13 @@ def test_make_targets_of_the_documentation_exist():
 
 
 def test_targets_that_users_need_run_in_the_ci():
-    ci = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    ci = "".join((ROOT / ".ci" / name).read_text(encoding="utf-8") for name in ("run", "unusual_setup"))
     for target in ("demo", "test", "lint", "colcon"):
         assert f"make {target}" in ci, target
 
 
 def test_real_time_tests_are_listed_in_the_makefile():
-    """`make jazzy` runs the tests that REAL_TIME lists by themselves."""
+    """`make test` runs the tests that REAL_TIME lists by themselves."""
     lines = re.findall(r"^REAL_TIME \+?= (.*)$", MAKEFILE, re.MULTILINE)
     listed, folder = " ".join(lines).split(), ROOT / "test" / "nodes"
     assert all((folder / f"test_{name}.py").is_file() for name in listed)

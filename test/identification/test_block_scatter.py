@@ -39,6 +39,9 @@ class Simulated:
     def __init__(self, motion, added, name="simulated"):
         self.name, self.motion, self.added = name, motion, added
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None):
         q, qd, qdd = self.motion.q, self.motion.qd, self.motion.qdd
         measured = self.motion.efforts + self.added

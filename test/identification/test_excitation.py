@@ -251,6 +251,9 @@ class Simulated:
             0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(7, dtype=bool), np.ones(q.shape, dtype=bool)
         )
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None):
         yield self.motion
 

@@ -11,7 +11,7 @@ from peers.known_panda import COULOMB, NOISE, VISCOUS
 from peers.recorded import JOINTS, panda_motion
 from scipy.stats import binom, chi2
 
-from robot_dynamics import Dynamics, load_robot
+from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.identification.determination import judge_determination
 from robot_dynamics.identification.fitting import fit_parameters, select_essential_parameters
@@ -38,6 +38,9 @@ class Known:
 
     def __init__(self, efforts):
         self.efforts = efforts
+
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
 
     def motions(self, statistics, *, cutoff=None, progress=None):
         half = len(MOTION.q) // 2
@@ -118,6 +121,9 @@ def test_parameters_without_excitation_are_reported_and_not_essential():
         array[:, 6] = value
 
     class Still(Known):
+        source = part = message_count = None
+        time_range = (-np.inf, np.inf)
+
         def motions(self, statistics, *, cutoff=None, progress=None):
             rows = moved.q, moved.qd, moved.qdd, self.efforts, self.efforts
             yield Motion(0.0, 50.0, 8.0, *rows, np.ones(7, dtype=bool), np.ones(rows[0].shape, dtype=bool))
@@ -129,6 +135,19 @@ def test_parameters_without_excitation_are_reported_and_not_essential():
     assert not select_essential_parameters(fit)[list(MODEL.names).index("Fv.panda_joint7")]
     essential = select_essential_parameters(fit_of(efforts(3)))
     assert essential[list(MODEL.names).index("Fv.panda_joint1")] and 30 < essential.sum() < len(MODEL.names)
+
+
+def test_inertia_that_the_description_makes_far_too_large_is_fitted():
+    """Link 7 has 0.7 kg, and in the description 1 kg m² about its centre of mass: a table that was filled somehow."""
+    robot = load_robot("panda")
+    last = robot.links[-1]
+    filled = replace(last, inertia=Inertia(last.inertia.mass, last.inertia.first_moments, 1.02 * np.eye(3)))
+    wrong = Dynamics(replace(robot, links=(*robot.links[:-1], filled)))
+    noisy = efforts() + 3.0 * np.random.default_rng(1).normal(size=MOTION.efforts.shape)
+    model = build_identification_model(wrong, direct_drives(JOINTS))
+    fit = fit_parameters(Samples([Known(noisy)], model))
+    assert fit.training_quality.rms[6] < 1.05 * fit_of(noisy).training_quality.rms[6]
+    assert fit.seen[model.names.index("ZZ.panda_link7")]
 
 
 def test_held_out_samples_are_not_fitted():
@@ -228,6 +247,9 @@ def test_robots_with_loops_are_identified():
     measured = dynamics.inverse(q, qd, qdd) + 1e-3 * np.random.default_rng(0).normal(size=q.shape)
 
     class Loops(Known):
+        source = part = message_count = None
+        time_range = (-np.inf, np.inf)
+
         def motions(self, statistics, *, cutoff=None, progress=None):
             yield Motion(
                 0.0,

@@ -38,6 +38,9 @@ class Known:
             0.0, RATE, 8.0, q, qd, qdd, efforts, efforts, np.ones(count, dtype=bool), np.ones(q.shape, dtype=bool)
         )
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None, progress=None):
         yield self.motion
 

@@ -50,6 +50,9 @@ class Run:
     drives: Drives
     notes = ()
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None):
         motion = MOTIONS[self.name.partition(" ")[0]]
         nothing = np.zeros_like(self.signals)

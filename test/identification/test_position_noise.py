@@ -38,6 +38,9 @@ class Encoders:
         q, efforts = motion.q + noise * position_noise, motion.efforts + NOISE * effort_noise
         self.segment = SignalSegment(0.0, RATE, q, np.full_like(q, np.nan), efforts, False)
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None):
         return filter_motions([self.segment], DRIVES, statistics, cutoff)
 

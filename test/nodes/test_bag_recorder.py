@@ -1,5 +1,7 @@
 """A BagRecorder writes messages as they were published, in a bag that other tools read."""
 
+import time
+
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -36,6 +38,21 @@ def test_bag_recorder_writes_messages_as_they_were_published(client, tmp_path):
         assert (topic, kind) == ("/recorded", "sensor_msgs/msg/JointState")
         assert message.name == list(expected.name)
         np.testing.assert_array_equal(message.position, expected.position)
+
+
+def test_messages_that_wait_when_the_recording_ends_are_dropped(client, tmp_path):
+    publisher = client.node.create_publisher(JointState, "recorded", 100)
+    with BagRecorder(client.node, tmp_path / "bag", {"/recorded": JointState}, lambda: 1_000) as recorder:
+        while not recorder.message_count:
+            publisher.publish(JointState())
+            client.spin(0.01)
+        for _ in range(50):
+            publisher.publish(JointState())
+        time.sleep(0.2)
+        client.spin(0.0001)  # one of them
+        count = recorder.message_count
+    client.spin(0.2)
+    assert recorder.message_count == count
 
 
 def test_demo_replaces_its_bags_but_no_other_folder(tmp_path):

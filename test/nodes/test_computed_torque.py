@@ -169,6 +169,8 @@ def test_modes_gains_limits_and_payload_change_at_run_time(start_controller):
         assert "effort_limits" in changes or steps < 20, "a jump"
     controller.stream_until(lambda: controller.has_diagnostic("at its limit: panda_joint2"), "saturation")
     assert controller.set_parameters(effort_limits=[80.0] * 7).successful
+    excess = "effort_limits exceed those of the description: panda_joint5 80 (12)"
+    controller.stream_until(lambda: controller.has_diagnostic(excess), "limits")
     payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
     assert controller.client.set_parameters(controller.target, payload).successful
     loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2]))

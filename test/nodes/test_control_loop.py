@@ -66,6 +66,7 @@ def reactivated(client, controller, changes):
 def test_model_makes_errors_ten_times_smaller_than_gains_and_gravity_alone(start_module_server, client, urdfs):
     parameters = {"kp": [FREQUENCY**2], "kd": [2 * FREQUENCY], "use_sim_time": True, "deadline": 5.0}
     parameters["robot_file"] = str(urdfs / "panda.urdf")
+    parameters["robot_path"] = [str(urdfs)]
     controller = start_module_server(parameters, executable="computed_torque")
     errors = {}
     print(f"\nrms error of the joints over {SECONDS:g} s at 1 kHz, 3 Hz critically damped [mrad]")

@@ -175,7 +175,7 @@ def test_server_reads_an_mdh_table_or_a_par_as_text_and_as_file(form, client, st
     path.write_text(text)
     dynamics = Dynamics(load_robot(text), compiled=False)
     q, qd, qdd = np.random.default_rng(1).uniform(-1, 1, (3, 2, len(names)))
-    server = start_server({"robot_description": text})
+    server = start_server({"robot_description": text, "robot_path": [str(tmp_path)]})
     for _ in range(2):
         result = call_successfully(client, server, inverse_request(names, q, qd, qdd))
         np.testing.assert_array_equal(field(result.trajectory, "effort"), dynamics.inverse(q, qd, qdd))

@@ -104,7 +104,7 @@ def test_interrupted_demo_ends_with_one_line_and_no_processes(until, number, tmp
     with log.open("w") as file:
         process = subprocess.Popen(
             [*script("demo"), *options], stdout=file, stderr=file, cwd=tmp_path, start_new_session=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1"},
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **({"HOME": "/proc/none"} if until == "serving" else {})},
         )  # fmt: skip
         try:
             deadline = time.monotonic() + 120

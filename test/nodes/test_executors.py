@@ -1,15 +1,19 @@
 """Nodes with an rclpy without EventsExecutor, as before 7.1.4: they work, and warn once."""
 
 import os
+import sys
 import time
 from contextlib import contextmanager
 
 import pytest
 from nodes.controller_probe import ControllerProbe
 from rcl_interfaces.srv import GetParameters
+from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.events_executor import make_executor
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics_interfaces.srv import InverseDynamicsBatch
 
@@ -87,3 +91,16 @@ def test_services_without_events_executor(executable, old_rclpy, client):
                 assert result["reactions"].shape == (count, 8, 6)
         if executable == "replay_check":
             assert client.call(Trigger, "/old/replay_check/report", Trigger.Request()).message
+
+
+def test_client_without_events_executor(monkeypatch, ros, start_server):
+    server = start_server({"robot_file": "panda"})
+    monkeypatch.setitem(sys.modules, "rclpy.experimental.events_executor", None)
+    assert isinstance(make_executor(), SingleThreadedExecutor)
+    old_client = ServiceClient("old_client")
+    try:
+        request = GetParameters.Request(names=["robot_file"])
+        response = old_client.call(GetParameters, f"{server}/get_parameters", request)
+        assert response.values[0].string_value == "panda"
+    finally:
+        old_client.close()

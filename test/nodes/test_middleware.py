@@ -4,17 +4,20 @@ This process is such a peer.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
 import pytest
-from nodes.controller_probe import ControllerProbe
+from nodes.controller_probe import PANDA, ControllerProbe
 
 from robot_dynamics.nodes import middleware
-from robot_dynamics.nodes.middleware import PROFILES, shared_memory, without_shared_memory
+from robot_dynamics.nodes.middleware import PROFILES, large_messages, shared_memory, without_shared_memory
 from robot_dynamics.nodes.processes import running_node, terminate_process
 
 NAMES = (
@@ -152,3 +155,71 @@ def test_other_middleware_is_not_changed(monkeypatch):
     monkeypatch.setattr(middleware, "get_rmw_implementation_identifier", lambda: "rmw_cyclonedds_cpp")
     with without_shared_memory():
         assert dict(os.environ) == before
+
+
+SEND_LARGE_REQUEST = """
+import sys
+import numpy as np
+import rclpy
+from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.middleware import large_messages
+from robot_dynamics_interfaces.srv import InverseDynamicsBatch
+
+service, path, *joints = sys.argv[1:]
+with large_messages():
+    rclpy.init()
+    client = ServiceClient("large_requests")
+q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 10_000, 7))
+fields = {"positions": q, "velocities": qd, "accelerations": qdd}
+result = client.call_batch(InverseDynamicsBatch, service, joints, points_per_request=10_000, **fields)
+np.save(path, result["efforts"])
+print("sent", flush=True)
+sys.stdin.read()
+"""
+
+
+def test_message_of_ten_thousand_points_fits_into_the_shared_memory_of_client_and_server(tmp_path, panda_dynamics):
+    """What does not fit is lost at first. A participant maps its own segment and those of its peers."""
+    variables = {**dict.fromkeys(NAMES, ""), **HERE}
+    path = tmp_path / "efforts.npy"
+    with running_node("dynamics_server", {"robot_file": "panda"}, "/large", variables) as server:
+        command = [sys.executable, "-c", SEND_LARGE_REQUEST, "/large/dynamics_server/inverse_dynamics_batch"]
+        pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+        with subprocess.Popen([*command, path, *PANDA], env={**os.environ, **variables}, **pipes) as client_process:
+            assert client_process.stdout.readline().strip() == b"sent"
+            sizes = [
+                sorted(Path(name).stat().st_size for name in segments(process) if re.search(r"_[0-9a-f]{16}$", name))
+                for process in (server, client_process)
+            ]
+    q, qd, qdd = np.random.default_rng(0).uniform(-1, 1, (3, 10_000, 7))
+    np.testing.assert_allclose(np.load(path), panda_dynamics.inverse(q, qd, qdd), rtol=1e-9, atol=1e-9)
+    message_size = 3 * 8 * q.size
+    for sizes_of_process in sizes:
+        assert sum(size > message_size for size in sizes_of_process) >= 2, sizes
+
+
+def test_large_messages_respect_transports_and_profiles_of_the_user(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    before = set_here(monkeypatch, ROS_AUTOMATIC_DISCOVERY_RANGE="SUBNET")
+    with large_messages():
+        assert dict(os.environ) != before
+        assert Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]) == PROFILES / "large_messages.xml"
+    for name, value in (("FASTDDS_BUILTIN_TRANSPORTS", "DEFAULT"), ("FASTRTPS_DEFAULT_PROFILES_FILE", "mine.xml")):
+        before = set_here(monkeypatch, **{name: value})
+        with large_messages():
+            assert dict(os.environ) == before
+
+
+@pytest.mark.parametrize("name", ["udp", "large_messages"])
+def test_profiles_differ_in_their_discovery_alone(name):
+    """The profile for one machine has what rmw_fastrtps sets up for ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST."""
+
+    def parts(file):
+        root = ElementTree.parse(PROFILES / file).getroot()
+        for parent in root.iter():
+            for child in list(parent):
+                if child.tag.rpartition("}")[2] in ("builtin", "maxInitialPeersRange"):
+                    parent.remove(child)
+        return [(element.tag, (element.text or "").strip()) for element in root.iter()]
+
+    assert parts(f"{name}_localhost.xml") == parts(f"{name}.xml")

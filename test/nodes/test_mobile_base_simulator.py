@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from peers.wheeled_robots import DifferentialDrive
 from scipy.spatial.transform import Rotation
@@ -183,7 +184,12 @@ def test_real_time_factor_sets_the_speed_and_parameters_are_checked(start):
     assert node.client.set_parameters(node.name, {"real_time_factor": 0.02}).successful
     assert rate() == pytest.approx(0.02, rel=0.3)
     for values, reason in (
-        ({"step": -1.0}, "more than 0"),
+        ({"step": -1.0}, "1e-06 or more, and less than 1,"),
+        ({"step": 1e-9}, "1e-06 or more, and less than 1,"),
+        ({"step": 1000.0}, "1e-06 or more, and less than 1,"),
+        ({"wheels.joints": ["wheel"], "wheels.radii": [1e-300]}, "0.001 or more, and less than 1000,"),
+        ({"payload.link": "tool0", "payload.mass": 1e300}, "less than 1e+09,"),
+        ({"payload.link": "tool0", "payload.mass": 1.0, "payload.inertia": [1e300] * 6}, "below 1e+09 are needed"),
         ({"real_time_factor": "fast"}, "a number is needed"),
         ({"wheels.joints": ["wheel"], "wheels.radii": [0.1]}, "unknown joint 'wheel'"),
         ({"wheels.joints": ["wheel"]}, "0 values and wheels.joints 1"),
@@ -219,6 +225,28 @@ def test_each_step_waits_for_efforts_on_request(start):
     node.client.spin(0.2)
     assert seconds(node.joint_states[-1].header.stamp) == pytest.approx(0.010)
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
+
+
+def test_standstill_without_a_controller_is_a_warning(start):
+    node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
+
+    def has_steps():
+        node.send_efforts(EFFORTS)
+        return node.joint_states and seconds(node.joint_states[-1].header.stamp) > 0.003
+
+    def last():
+        return node.diagnostics[-1][:2] if node.diagnostics else (None, "")
+
+    node.wait_until(has_steps, "steps")
+    reason = f"time stands still: no efforts came on {node.name}/commands or {node.name}/effort for "
+    node.wait_until(lambda: last()[1].startswith(reason), "the warning")
+    assert last()[0] == DiagnosticStatus.WARN
+
+    def is_over():
+        node.send_efforts(EFFORTS)
+        return last()[0] == DiagnosticStatus.OK
+
+    node.wait_until(is_over, "steps again")
 
 
 def test_waiting_step_ignores_efforts_stamped_with_an_earlier_state(start):
@@ -305,10 +333,11 @@ def test_noise_follows_its_seed():
     assert received_count[0] == received_count[1] != received_count[2] and 1e-5 < np.std(received_count[0]) < 5e-3
 
 
-def test_divergence_stops_is_reported_and_can_be_reset(start):
+def test_divergence_stops_before_it_is_published_and_can_be_reset(start):
     node = start(robot_file="ur5e", step=0.01, **{"initial.joints": ["elbow_joint"], "initial.velocities": [4000.0]},
                  **{"initial.positions": [0.1]})  # fmt: skip
-    node.wait_until(lambda: node.has_diagnostic("step is too long"), "what is wrong")
+    node.wait_until(lambda: node.has_diagnostic("faster than anything real"), "what is wrong")
+    assert max(abs(speed) for state in node.joint_states for speed in state.velocity) <= 1e9
     assert node.client.set_parameters(node.name, {"initial.velocities": [0.0]}).successful
     received_count = len(node.joint_states)
     node.wait_until(lambda: len(node.joint_states) > received_count + 10, "states again")

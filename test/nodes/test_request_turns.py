@@ -1,5 +1,6 @@
 """Long requests are computed in turns: short ones of other clients are answered meanwhile, and results are whole."""
 
+import re
 import threading
 import time
 
@@ -147,6 +148,14 @@ def test_an_error_after_the_first_turn_is_a_refusal_of_that_request_alone(turns_
     responses, _ = call_all([300, 90])
     assert [response.success for response in responses] == [False, True]
     assert responses[0].message == "point 100 is invalid"
+
+
+def test_request_that_takes_too_long_is_refused_and_others_go_on(turns_node):
+    turns_node.turns.request_timeout = 0.3
+    responses, _ = call_all([3000, 20])
+    assert [response.success for response in responses] == [False, True]
+    assert re.match(r"\d+ of 3000 points are complete after 0.3 s", responses[0].message)
+    assert len(turns_node.turns) == 0
 
 
 def test_client_with_small_requests_is_served_beside_a_long_one(client, start_server):

@@ -61,7 +61,9 @@ def test_refused_description_leaves_the_old_robot_loaded(case, client, panda, pa
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"robot_file": "/no/such/robot.urdf"}, "cannot be read"),
+        ({"robot_file": "/no/such/robot.urdf"}, "set robot_path at its start"),
+        ({"robot_file": "pnda"}, "set robot_path at its start"),
+        ({"robot_path": ["/"]}, "read at startup"),
         ({"robot_file": ""}, "would be empty"),
         ({"base": "floating"}, "fixed, moving"),
         ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
@@ -82,15 +84,38 @@ def test_refused_parameter_leaves_the_old_robot_loaded(change, reason, client, p
     assert_still_serves(client, panda, panda_dynamics)
 
 
-def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(client, panda, panda_dynamics, tmp_path):
+@pytest.fixture
+def reader(start_server, tmp_path):
+    """A server of the shipped Panda that may read the files of a test while it runs."""
+    return start_server({"robot_file": "panda", "robot_path": [str(tmp_path)]})
+
+
+def test_running_node_reads_no_file_outside_the_folders_that_it_may_read(client, reader, panda_dynamics, tmp_path):
+    secret = tmp_path.with_name(f"{tmp_path.name}_secret")
+    secret.write_text("root:$y$secret")
+    (tmp_path / "link.urdf").symlink_to(secret)
+    for path in (secret, tmp_path / ".." / secret.name, tmp_path / "link.urdf", "/no/such/file"):
+        result = client.set_parameters(reader, {"robot_file": str(path)})
+        assert not result.successful and "set robot_path at its start" in result.reason
+        assert "secret" not in result.reason.replace(secret.name, "") and "exist" not in result.reason
+    assert_still_serves(client, reader, panda_dynamics)
+
+
+def test_running_node_reads_files_of_its_folders_and_shipped_robots(client, reader, tmp_path):
+    (tmp_path / "robot.urdf").write_text(real_urdf("kinova"))
+    assert client.set_parameters(reader, {"robot_file": str(tmp_path / "robot.urdf")}).successful
+    assert client.set_parameters(reader, {"robot_file": "ur5e"}).successful
+
+
+def test_file_of_100_megabytes_is_refused_and_the_old_robot_stays(client, reader, panda_dynamics, tmp_path):
     path = tmp_path / "large.urdf"
     path.write_text(GOOD + " " * 100_000_000)
-    result = client.set_parameters(panda, {"robot_file": str(path)})
+    result = client.set_parameters(reader, {"robot_file": str(path)})
     assert not result.successful and "100" in result.reason and "at most" in result.reason
-    assert_still_serves(client, panda, panda_dynamics)
+    assert_still_serves(client, reader, panda_dynamics)
 
 
-def test_server_survives_unforeseen_descriptions(client, panda, panda_dynamics, tmp_path):
+def test_server_survives_unforeseen_descriptions(client, reader, panda_dynamics, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     undefined = tmp_path / "undefined.urdf"
     undefined.write_bytes(b'<?xml version="1.0" encoding="undefined"?><robot/>')
@@ -99,8 +124,8 @@ def test_server_survives_unforeseen_descriptions(client, panda, panda_dynamics, 
         {"robot_file": str(undefined)},
         {"robot_description": "panda"},
     ):
-        assert not client.set_parameters(panda, change).successful
-        assert_still_serves(client, panda, panda_dynamics)
+        assert not client.set_parameters(reader, change).successful
+        assert_still_serves(client, reader, panda_dynamics)
 
 
 def test_file_that_changed_is_read_again(client, start_server, tmp_path):

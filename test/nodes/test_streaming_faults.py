@@ -146,6 +146,32 @@ def test_invalid_states_lead_to_zero_efforts(case, probe):
     check_recovery(probe)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
+def test_efforts_on_the_way_to_zero_do_not_have_the_stamps_of_refused_states(value, probe):
+    """A simulator pairs states and efforts by their stamps: these efforts are no answer."""
+    probe.stream_until(lambda: held(probe), "efforts")
+    refused = []
+    for _ in range(50):
+        refused.append(time.time_ns())
+        probe.publish(q=[*Q[:3], value, *Q[4:]], stamp=refused[-1])
+        time.sleep(0.004)
+    probe.wait_until(lambda: zeros(probe), "zeros")
+    stamps = {to_nanoseconds(message.header.stamp) for message in probe.efforts}
+    assert len(stamps & set(probe.state_stamps)) > 10, "good states are answered with their stamps"
+    assert not stamps & set(refused)
+
+
+def test_diagnostics_tell_that_refused_states_have_stopped(probe):
+    probe.stream_until(lambda: held(probe), "efforts")
+    probe.stream(0.3, q=Q[:6], names=PANDA[:6])
+    refusal = "joint_states has no 'panda_joint7'"
+    since = len(probe.diagnostics)
+    probe.wait_until(lambda: probe.has_diagnostic("no joint_states for more than 20 ms", since), "the silence")
+    probe.wait_until(lambda: len(probe.diagnostics) > since + 2, "further diagnostics")
+    message = probe.diagnostics[-1][1]
+    assert "no joint_states for more than 20 ms" in message and refusal in message
+
+
 def test_efforts_return_after_a_burst_of_ten_thousand_messages(probe):
     probe.stream_until(lambda: held(probe), "efforts")
     for k in range(10_000):

@@ -5,22 +5,16 @@
 
 import os
 import time
-from pathlib import Path
 
 import numpy as np
 from nodes.controller_probe import PANDA, ControllerProbe, Q, trajectory_message
+from nodes.faults.bench import own_memory
 
 from robot_dynamics.nodes.processes import running_node
 
-SECONDS = float(os.environ.get("SOAK_SECONDS", "20"))
+SECONDS = float(os.environ.get("SOAK_SECONDS", "10"))
 RATE, REFERENCES = 1000.0, 50.0  # [1/s]
 GROWTH = 1_000_000  # [bytes] from a tenth of the time on, as Python and the middleware fill their pools first
-
-
-def memory(process):
-    """What a process has of its own [bytes]."""
-    lines = Path(f"/proc/{process.pid}/smaps_rollup").read_text().splitlines()
-    return 1024 * sum(int(line.split()[1]) for line in lines if line.startswith("Private_"))
 
 
 def test_long_stream_neither_grows_nor_misses_a_reference(ros, client):
@@ -39,10 +33,10 @@ def test_long_stream_neither_grows_nor_misses_a_reference(ros, client):
                     stand.reference_point.publish(trajectory_message(PANDA, [0.0], [Q], [np.zeros(7)], [np.zeros(7)]))
                     reference, sent = reference + 1 / REFERENCES, sent + 1
                 if kept is None and now > began + max(SECONDS / 10, min(60.0, SECONDS / 2)):
-                    kept = memory(process)
+                    kept = own_memory(process)
                 following = max(following + 1 / RATE, now - 0.05)
                 time.sleep(max(0.0, following - time.monotonic()))
-            grown = memory(process) - kept
+            grown = own_memory(process) - kept
             told_of = stand.diagnostics[first:]
             last = told_of[-1][2]
             print(f"\n{SECONDS:g} s, {states / SECONDS:.0f} states/s, {sent} references")

@@ -34,7 +34,9 @@ ELSEWHERE = (
     Elsewhere(r"make colcon", part="colcon build"),
     Elsewhere(r"make docs", part="documentation"),
     Elsewhere(r"make wheels( PYTHONS=.*)?", part="wheels"),
-    Elsewhere(r"make (bench|soak|quick|format|clean|help)", reason="takes long, or is a task of developers"),
+    Elsewhere(
+        r"make (bench|soak|faults|fuzz|quick|format|clean|help).*", reason="takes long, or is a task of developers"
+    ),
     Elsewhere(r"pip install (--find-links dist )?(\.|robot_dynamics)(\[[\w,]+\])?", part="wheels"),
     Elsewhere(r"python3? -m venv \S+", part="wheels"),
     Elsewhere(r"pip install .*", reason=INSTALLATION),

@@ -58,6 +58,9 @@ class FrictionalPanda:
         rows = motion.q, motion.qd, motion.qdd, self.efforts, self.efforts
         self.motion = Motion(0.0, RATE, 8.0, *rows, np.ones(7, dtype=bool), moving)
 
+    source = part = message_count = None
+    time_range = (-np.inf, np.inf)
+
     def motions(self, statistics, *, cutoff=None, progress=None):
         yield self.motion
 

@@ -2,13 +2,19 @@
 
 import shutil
 import sqlite3
+import tempfile
+import tracemalloc
 
 import numpy as np
 import pytest
-from peers.recorded import message, messages, of_rosbags, panda_motion, store, write_bag
+import yaml
+from peers.recorded import BEGINNING, message, messages, of_rosbags, panda_motion, store, write_bag
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.recordings.bags import JOINT_STATE, Bag
+from robot_dynamics.recordings import unpacked_bags
+from robot_dynamics.recordings.bags import JOINT_STATE, SQLITE_MAGIC, Bag
+from robot_dynamics.recordings.decompression import import_zstd
+from robot_dynamics.recordings.sqlite_pages import SqlitePages
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
 MOTION = panda_motion(duration=6.0)
@@ -149,3 +155,177 @@ def test_bag_refuses_other_files_and_missing_topics(tmp_path):
     bag = Bag(write_bag(tmp_path / "chatter", [("/chatter", string)]))
     with pytest.raises(RecordingError, match=r"has no topic of sensor_msgs/msg/JointState\. It has: /chatter"):
         bag.joint_topics()
+
+
+def varint(value):
+    groups = [value & 0x7F]
+    while value := value >> 7:
+        groups.append(value & 0x7F | 0x80)
+    return bytes(reversed(groups))
+
+
+def damaged_database(path, overflow, size):
+    """A file of three pages of 4096 bytes: a leaf with a row of `size` bytes that continues on a page."""
+    header = bytearray(SQLITE_MAGIC + bytes(84))
+    header[16:18], header[28:32] = (4096).to_bytes(2, "big"), (9).to_bytes(4, "big")
+    local = (4096 - 12) * 32 // 255 - 23
+    local += (size - local) % 4092 if local + (size - local) % 4092 <= 4096 - 35 else 0
+    row = varint(size) + varint(1) + varint(4) + bytes(local - 1) + overflow.to_bytes(4, "big")
+    leaf = bytearray(4096)
+    leaf[0], leaf[3:5], leaf[8:10] = 0x0D, (1).to_bytes(2, "big"), (4096 - len(row)).to_bytes(2, "big")
+    leaf[4096 - len(row) :] = row
+    path.write_bytes(bytes(header) + bytes(3996) + bytes(leaf) + overflow.to_bytes(4, "big") + bytes(4092))
+    return path
+
+
+@pytest.mark.parametrize("size", [10_000, 1 << 40])
+def test_overflow_page_that_continues_on_itself_takes_no_memory(tmp_path, size):
+    path = damaged_database(tmp_path / "loop.db3", 3, size)
+    with path.open("rb") as file:
+        pages = SqlitePages(file)
+        (cell,) = pages.cells()
+        tracemalloc.start()
+        try:
+            with pytest.raises(ValueError, match=r"its own again|longer than the file"):
+                pages.row(cell)
+            assert tracemalloc.get_traced_memory()[1] < 1e6
+        finally:
+            tracemalloc.stop()
+    assert Bag(path).topics == {}
+
+
+def database_of_two_rows(path, pointers):
+    """Three pages of 4096 bytes: a leaf with a false and a good row of 4581 bytes, both of which go on at page 3.
+
+    pointers: numbers of the rows, 0 and 1, that the leaf points to.
+    """
+    size = 489 + 4092
+    blob = bytes(range(256)) * 17
+    blob += bytes(size - len(blob) - 10)
+    record = varint(6) + varint(0) + varint(1) + varint(1) + varint(12 + 2 * len(blob))
+    record = bytes([len(record)]) + record[1:] + b"\x05\x07" + blob
+    assert len(record) <= size
+    record += bytes(size - len(record))
+    false = varint(3) + varint(12 + 2 * 5000) + bytes(size)
+    header = bytearray(SQLITE_MAGIC + bytes(84))
+    header[16:18], header[28:32] = (4096).to_bytes(2, "big"), (3).to_bytes(4, "big")
+    leaf = bytearray(4096)
+    leaf[0], leaf[3:5] = 0x0D, len(pointers).to_bytes(2, "big")
+    offsets = (3000, 3550)
+    for number, (offset, payload) in enumerate(zip(offsets, (false, record), strict=True)):
+        row = varint(size) + varint(number + 1) + payload[:489] + (3).to_bytes(4, "big")
+        leaf[offset : offset + len(row)] = row
+    for index, number in enumerate(pointers):
+        leaf[8 + 2 * index : 10 + 2 * index] = offsets[number].to_bytes(2, "big")
+    path.write_bytes(bytes(header) + bytes(3996) + bytes(leaf) + bytes(4) + record[489:])
+    return blob
+
+
+def test_false_row_does_not_take_the_pages_of_a_good_row(tmp_path):
+    blob = database_of_two_rows(tmp_path / "false.db3", [0, 1])
+    with (tmp_path / "false.db3").open("rb") as file:
+        pages = SqlitePages(file)
+        false, good = pages.cells()
+        with pytest.raises(ValueError, match="incomplete"):
+            pages.row(false)
+        assert pages.row(good) == [None, 5, 7, blob]
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_cell_with_many_pointers_is_read_once(tmp_path, monkeypatch, row):
+    database_of_two_rows(tmp_path / "repeated.db3", [row] * 1400)
+    reads = []
+    read_page = SqlitePages.page
+    monkeypatch.setattr(SqlitePages, "page", lambda pages, number: reads.append(number) or read_page(pages, number))
+    assert Bag(tmp_path / "repeated.db3").counts == {}
+    assert len(reads) < 20
+
+
+def test_compressed_file_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    packed = next(path for path in folder.iterdir() if path.suffix == ".zstd")
+    content = packed.read_bytes()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    packed.write_bytes(content + import_zstd().compress(bytes(100_000_000)))
+    with pytest.raises(RecordingError, match=r"unpacks to more than 67 MB, \d+ times its size"):
+        Bag(folder)
+    packed.write_bytes(content)
+    monkeypatch.setattr(unpacked_bags, "MIN_FREE_SPACE", 1 << 60)
+    with pytest.raises(RecordingError, match=r"are free in .*temporary\. Set TMPDIR"):
+        Bag(folder)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+def with_file_names(folder, names):
+    """A compressed bag whose metadata have a YAML text as the names of its files."""
+    metadata = folder / unpacked_bags.METADATA
+    content = yaml.safe_load(metadata.read_text())
+    content[unpacked_bags.INFORMATION]["relative_file_paths"] = "NAMES"
+    metadata.write_text(yaml.safe_dump(content).replace("NAMES", names))
+    return folder
+
+
+def test_nested_aliases_in_the_place_of_file_names_take_no_memory(tmp_path):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    with_file_names(folder, "[&a0 [x, x], " + ", ".join(f"&a{k} [*a{k - 1}, *a{k - 1}]" for k in range(1, 20)) + "]")
+    tracemalloc.start()
+    try:
+        with pytest.raises(RecordingError):
+            Bag(folder)
+        assert tracemalloc.get_traced_memory()[1] < 2e6
+    finally:
+        tracemalloc.stop()
+
+
+def test_file_name_longer_than_the_system_allows_is_refused(tmp_path):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    with pytest.raises(RecordingError):
+        Bag(with_file_names(folder, f"[{'x' * 300}]"))
+
+
+def test_file_name_that_yaml_cannot_convert_is_refused(tmp_path):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    with pytest.raises(RecordingError):  # PyYAML raises an IndexError
+        Bag(with_file_names(folder, "[!!int ]"))
+
+
+def test_compressed_files_are_unpacked_once_and_within_one_limit(tmp_path, monkeypatch):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    packed = next(path for path in folder.iterdir() if path.suffix == ".zstd")
+    size = len(import_zstd().decompress(packed.read_bytes()))
+    monkeypatch.setattr(unpacked_bags, "MAX_RATIO", 0)
+    monkeypatch.setattr(unpacked_bags, "MIN_LIMIT", size * 3 // 2)
+    bag = Bag(with_file_names(folder, f"[{packed.name}, ./{packed.name}]"))
+    assert len(positions(bag)) == len(MOTION.times)
+    shutil.copy(packed, folder / "copy.db3.zstd")
+    with pytest.raises(RecordingError, match="unpacks to more than"):
+        Bag(with_file_names(folder, f"[{packed.name}, copy.db3.zstd]"))
+
+
+def test_damaged_compressed_file_is_read_to_where_it_breaks_off(tmp_path):
+    folder = write_bag(tmp_path / "run", messages(MOTION), "sqlite3", MODES.FILE)
+    packed = next(path for path in folder.iterdir() if path.suffix == ".zstd")
+    content = packed.read_bytes()
+    packed.write_bytes(content[: len(content) * 3 // 4])
+    bag = Bag(folder)
+    assert "is damaged: it was unpacked to where it breaks off" in bag.notes[0]
+    assert 0 < len(positions(bag)) < len(MOTION.times)
+    for damage in (b"", b"damaged"):
+        packed.write_bytes(damage)
+        with pytest.raises(RecordingError, match="the files are damaged"):
+            Bag(folder)
+
+
+def test_messages_outside_the_times_of_their_chunk_are_noted(tmp_path):
+    """The index of chunks states their first and last times; `rosbags` leaves out what lies outside them."""
+    path = storage_file(write_bag(tmp_path / "run", messages(MOTION), "mcap", MODES.STORAGE))
+    assert Bag(path).notes == []
+    content = path.read_bytes()
+    last = BEGINNING + round(MOTION.times[-1] * 1e9)
+    earlier = BEGINNING + round(MOTION.times[99] * 1e9)
+    index = content.rindex(last.to_bytes(8, "little"), 0, content.rindex(b"zstd"))
+    path.write_bytes(content[:index] + earlier.to_bytes(8, "little") + content[index + 8 :])
+    bag = Bag(path)
+    assert len(positions(bag)) == 100
+    assert bag.notes == [f"{path.name} is damaged: it states {len(MOTION.times)} messages, and 100 can be read"]

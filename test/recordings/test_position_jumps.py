@@ -92,3 +92,17 @@ def test_motions_have_no_acceleration_of_a_jump_and_the_first_one_after_it_says_
     whole = motions[-1]
     assert whole.slice_samples(0, 10).jump is whole.jump and whole.slice_samples(5, 10).jump is None
     assert len(whole.slice_samples(5, 10).recorded) == 5
+
+
+@pytest.mark.parametrize("resolution", [1e-3, 1e-2])
+def test_steps_of_an_encoder_after_a_long_rest_are_no_jumps(resolution):
+    """A motor at 5 kHz that rests for three quarters of the recording, quantised; a jump of it is seen all the same."""
+    rate = 5000.0
+    times = np.arange(0, 4, 1 / rate)
+    angle = 30 * (1 - np.cos(2 * np.pi * np.maximum(times - 3, 0)))
+    position = np.round(np.stack([angle, 0.3 * angle], axis=1) / resolution) * resolution
+    (only,) = split_at_jumps(segment(position, rate), 2)
+    assert only.jump is None
+    position[15000 + 2500 :, 0] += 1.0
+    _, second = split_at_jumps(segment(position, rate), 2)
+    assert second.jump.sizes == pytest.approx([1.0, 0.0], abs=0.2)

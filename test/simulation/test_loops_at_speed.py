@@ -19,8 +19,8 @@ from robot_dynamics.model.loading import shipped_robots
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.simulation import Simulation
 
-SECONDS = float(os.environ.get("SIMULATED_SECONDS", "2"))
-MECHANISMS = int(os.environ.get("SIMULATED_MECHANISMS", "10"))
+SECONDS = float(os.environ.get("SIMULATED_SECONDS", "1"))
+MECHANISMS = int(os.environ.get("SIMULATED_MECHANISMS", "6"))
 LOOPED = [name for name in shipped_robots() if load_robot(name).loops]
 
 

@@ -121,3 +121,23 @@ def test_invalid_numbers_of_steps_are_refused(steps):
     with pytest.raises(InvalidInputError, match=message):
         simulation.advance(steps)
     assert simulation.advance(0).steps == 0 and simulation.advance(np.int64(2)).steps == 2
+
+
+def test_steps_in_python_are_counted():
+    """Those with prescribed motion are taken in Python, all others of this arm in machine code."""
+    pytest.importorskip("llvmlite")
+    simulation = Simulation(load_robot("ur5e"))
+    simulation.advance(20, efforts=EFFORTS)
+    assert simulation.python_steps == 0
+    simulation.advance(3, motion=lambda time: (np.zeros(6), np.zeros(6), np.zeros(6)))
+    assert simulation.python_steps == 3
+    simulation.start()
+    simulation.advance(2)
+    assert simulation.python_steps == 3
+
+
+def test_a_motion_that_is_no_function_is_refused():
+    simulation = Simulation(load_robot("ur5e"))
+    with pytest.raises(InvalidInputError, match=r"motion is .*: it must be a function of the time"):
+        simulation.advance(motion=np.zeros(6))
+    assert repr(simulation) == "Simulation(Robot('ur5e', 6 joints, fixed base), step=0.001, base='fixed')"

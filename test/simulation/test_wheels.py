@@ -95,6 +95,12 @@ def test_driven_real_robot_reaches_the_reference_twist():
     assert np.abs(simulation.rolling_residual()).max() < 1e-12
 
 
+def test_driven_differential_drive_approaches_the_reference_twist_exponentially():
+    simulation = Simulation(load_robot(DifferentialDrive.urdf), wheels=PAIR, drive_time=0.05)
+    state = simulation.advance(50, drive=[0.5, 0, 0, 0, 0, 0.8])  # its wheels leave it nothing else to move
+    np.testing.assert_allclose(state.twist[[0, 5]], (1 - np.exp(-1)) * np.array([0.5, 0.8]), rtol=1e-6)
+
+
 def test_mecanum_wheels_move_sideways():
     urdf, angles = mecanum()
     simulation = Simulation(load_robot(urdf), wheels=[Wheel(name, 0.1, angle) for name, angle in angles.items()])

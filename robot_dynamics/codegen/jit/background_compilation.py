@@ -24,7 +24,7 @@ class BackgroundCompilation(Generic[CompiledT]):
         Returns the compiled program. It must hold no reference to the owner of this object: the compilation is dropped
         when the owner is deleted before it starts.
     threshold : float
-        Time spent without the program [s] after which it is compiled in the background.
+        Time spent without the program [s] after which it is compiled in the background. inf: `start` alone starts it.
     description : str
         Name of the program in log messages.
     expected_errors : tuple of exception types
@@ -65,7 +65,12 @@ class BackgroundCompilation(Generic[CompiledT]):
     def record_time(self, seconds: float) -> None:
         """Add time spent without the program [s]; start the compilation once the total exceeds the threshold."""
         self._seconds += seconds
-        if self._seconds > self._threshold and not self.is_started:
+        if self._seconds > self._threshold:
+            self.start()
+
+    def start(self) -> None:
+        """Start the compilation in the background, unless it was started before."""
+        if not self.is_started:
             self.is_started = True
             run_in_background(self._compile_in_background)
 

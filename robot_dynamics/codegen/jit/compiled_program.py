@@ -165,6 +165,7 @@ class CompiledProgram:
         self._outputs = self.interface.outputs
         self._lock = Lock()
         self._loop: Any = None
+        self._lanes_library: Library | None = None
         self._library = _load_library(code.sample_library)
         self.evaluate: Callable[..., ProgramResult] = make_python_callable(
             self._library["evaluate"], self.interface.name, _docstring(self.interface), FunctionOwner(self._library)
@@ -192,6 +193,16 @@ class CompiledProgram:
     def address(self) -> int:
         """Address of the function of one sample, which takes a table of the addresses of inputs and outputs."""
         return self._library["sample"]
+
+    def compile_lanes(self) -> int:
+        """Address of the function of several samples in vectors, as `kernel.LaneWriter` has it; compiled if needed.
+
+        Raises CompilationError.
+        """
+        with self._lock:
+            if self._lanes_library is None:
+                self._lanes_library = _load_library(partial(self._code.lanes_library, self._library))
+        return self._lanes_library["lanes"]
 
     def compile_batch(self) -> Any:
         """Compile the function that `batch` runs, unless it is compiled; the first `batch` does it otherwise.

@@ -60,13 +60,17 @@ def input_nodes(program: Program) -> dict[str, dict[int, int]]:
     return nodes
 
 
-class SampleWriter(IRWriter):
-    """The function of one sample: %pointers has the address of each input, then of each output."""
+class ArrayWriter(IRWriter):
+    """A function whose argument %pointers has the address of each input, then of each output.
 
-    return_type = "void"
+    An array has a value for each of its entries: a double, or a vector with an entry for each sample.
+    """
 
-    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int]) -> None:
-        super().__init__(program, constants, slots, 1)
+    alignment = 1
+    """Bytes of which the address of each value is a multiple."""
+
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
+        super().__init__(program, constants, slots, lanes)
         self.addressed: set[int] = set()
 
     def array(self, number: int) -> str:
@@ -84,8 +88,8 @@ class SampleWriter(IRWriter):
             pointer = self.array(array)
             for position, node in nodes.items():
                 self.lines += [
-                    f"%v{node}.at = getelementptr inbounds double, ptr {pointer}, i64 {position}",
-                    f"%v{node} = load double, ptr %v{node}.at, align 1",
+                    f"%v{node}.at = getelementptr inbounds {self.type}, ptr {pointer}, i64 {position}",
+                    f"%v{node} = load {self.type}, ptr %v{node}.at, align {self.alignment}",
                 ]
 
     def store(self, step: Step) -> None:
@@ -96,9 +100,18 @@ class SampleWriter(IRWriter):
             value = self.signed(*output.entries[position])
             address = f"%out{number}.{start}.{position}"
             self.lines += [
-                f"{address} = getelementptr inbounds double, ptr {pointer}, i64 {position}",
-                f"store double {value}, ptr {address}, align 1",
+                f"{address} = getelementptr inbounds {self.type}, ptr {pointer}, i64 {position}",
+                f"store {self.type} {value}, ptr {address}, align {self.alignment}",
             ]
+
+
+class SampleWriter(ArrayWriter):
+    """The function of one sample."""
+
+    return_type = "void"
+
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int]) -> None:
+        super().__init__(program, constants, slots, 1)
 
     def sincos(self, step: Step) -> None:
         """Emit the sines and cosines of all angles of the step in one vector of sufficient width."""
@@ -125,18 +138,59 @@ class SampleWriter(IRWriter):
         return ""
 
 
-class BlockWriter(IRWriter):
-    """The function of a block of samples: lane i computes sample %first + i, or %last if that is less.
+class VectorWriter(IRWriter):
+    """A function of several samples, whose values are vectors with an entry for each.
 
-    Each row of an array is a sample. The function returns a bit for each lane in which some angle was out of range: the
-    outputs of such lanes are wrong.
+    It returns a bit for each lane in which some angle was out of range: the outputs of such lanes are wrong.
     """
 
     def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
         super().__init__(program, constants, slots, lanes)
         self.return_type = f"i{lanes}"
-        self.addressed: set[int] = set()
         self.out_of_range: list[str] = []
+
+    def sincos(self, step: Step) -> None:
+        angle = self.value(step.operands[0])
+        V = self.type
+        name = f"%angle{step.operands[0]}"
+        self.lines += [
+            *out_of_range_mask(f"{name[1:]}.wide", angle, self.lanes),
+            f"{name}.both = call {{{V}, {V}}} @sincos{self.lanes}({V} {angle})",
+        ]
+        self.out_of_range.append(f"{name}.wide")
+        for index, node in enumerate(step.results):
+            if node is not None:
+                self.lines.append(f"%v{node} = extractvalue {{{V}, {V}}} {name}.both, {index}")
+
+    def result(self) -> str:
+        return self.combine_results(self.lines, self.out_of_range)
+
+    def combine_results(self, lines: list[str], results: Sequence[str]) -> str:
+        """Append lines for the bits that are set in any result, and return the operand that has them."""
+        combined = "0"
+        for number, mask in enumerate(results):
+            lines.append(f"%any{number} = or {self.return_type} {combined}, {mask}")
+            combined = f"%any{number}"
+        return combined
+
+
+class LaneWriter(ArrayWriter, VectorWriter):
+    """The function of several samples whose arrays are in memory as vectors."""
+
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
+        super().__init__(program, constants, slots, lanes)
+        self.alignment = 8 * lanes
+
+
+class BlockWriter(VectorWriter):
+    """The function of a block of samples: lane i computes sample %first + i, or %last if that is less.
+
+    Each row of an array is a sample.
+    """
+
+    def __init__(self, program: Program, constants: Mapping[int, float], slots: Mapping[int, int], lanes: int) -> None:
+        super().__init__(program, constants, slots, lanes)
+        self.addressed: set[int] = set()
         self.prefetch_lines: list[list[str]] = []
         self.prefetched = 0
 
@@ -175,43 +229,19 @@ class BlockWriter(IRWriter):
             self.lines += row_pointers(array, self.lanes)
         self.lines += write_columns(array, start, columns, self.lanes)
 
-    def sincos(self, step: Step) -> None:
-        angle = self.value(step.operands[0])
-        V = self.type
-        name = f"%angle{step.operands[0]}"
-        self.lines += [
-            *out_of_range_mask(f"{name[1:]}.wide", angle, self.lanes),
-            f"{name}.both = call {{{V}, {V}}} @sincos{self.lanes}({V} {angle})",
-        ]
-        self.out_of_range.append(f"{name}.wide")
-        for index, node in enumerate(step.results):
-            if node is not None:
-                self.lines.append(f"%v{node} = extractvalue {{{V}, {V}}} {name}.both, {index}")
-
-    def result(self) -> str:
-        return self.combine_results(self.lines, self.out_of_range)
-
-    def combine_results(self, lines: list[str], results: Sequence[str]) -> str:
-        """Append lines for the bits that are set in any result, and return the operand that has them."""
-        combined = "0"
-        for number, mask in enumerate(results):
-            lines.append(f"%any{number} = or {self.return_type} {combined}, {mask}")
-            combined = f"%any{number}"
-        return combined
-
 
 def vector_width(count: int) -> int:
     """The smallest power of two, from 2, that is not below a count."""
     return max(2, 1 << (count - 1).bit_length())
 
 
-def sample_function(program: Program, constants: Mapping[int, float], name: str = "sample") -> tuple[str, set[int]]:
-    """IR of `@<name>(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
+def sample_function(program: Program, constants: Mapping[int, float]) -> tuple[str, set[int]]:
+    """IR of `@sample(ptr %pointers)`, and the widths of the vectors of which it computes sines and cosines."""
     steps = insert_stores(group_sincos(list_steps(program), MAX_SINCOS_GROUP), list_stores(program))
     widths = {vector_width(len(step.operands)) for step in steps if step.operation == SINCOS}
     length = len(steps) if len(steps) <= MAX_LENGTH else PART_LENGTH
     parts = split_into_parts(steps, even_bounds(len(steps), length))
-    text = _function(name, "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
+    text = _function("sample", "ptr %pointers", parts, lambda slots: SampleWriter(program, constants, slots))
     return text, widths
 
 
@@ -227,6 +257,13 @@ def block_function(program: Program, constants: Mapping[int, float], lanes: int)
     parts = split_into_parts([*steps, *stores], bounds)
     arguments = "ptr %pointers, ptr %strides, i64 %first, i64 %last"
     return _function("block", arguments, parts, lambda slots: BlockWriter(program, constants, slots, lanes))
+
+
+def lane_function(program: Program, constants: Mapping[int, float], lanes: int) -> str:
+    """IR of `@lanes(ptr %pointers)`, see LaneWriter."""
+    steps = insert_stores(list_steps(program), list_stores(program))
+    parts = split_into_parts(steps, even_bounds(len(steps), MAX_BLOCK_LENGTH))
+    return _function("lanes", "ptr %pointers", parts, lambda slots: LaneWriter(program, constants, slots, lanes))
 
 
 def _function(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -82,18 +82,11 @@ class MachineCode:
 
     def sample_library(self) -> Library:
         """The Library with `evaluate`, the Python function of one sample."""
-        from robot_dynamics.codegen.jit.engine import Library, Module, has_fused_multiply_add
+        from robot_dynamics.codegen.jit.engine import has_fused_multiply_add
         from robot_dynamics.codegen.jit.sincos import sincos_module
 
-        # what is the same for all programs is compiled once, apart
-        shared = [entry_point_text()]
-        shared += [sincos_module(width, has_fused_multiply_add()) for width in self.sincos_widths]
-        shared_modules = [Module.from_text(text, is_shared=True) for text in shared]
-        modules = [self._module("evaluate", self._sample_text), *shared_modules]
-        library = Library(modules, ["evaluate", "attempt", "sample", "runtime"])
-        addresses = runtime_table()
-        ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
-        return library
+        shared = [sincos_module(width, has_fused_multiply_add()) for width in self.sincos_widths]
+        return link_sample_library(self._module("evaluate", self._sample_text), shared)
 
     def batch_library(self, sample_library: Library) -> Library:
         """The Library with `batch`, the loop over samples, which calls `sample` of the other library."""
@@ -101,6 +94,12 @@ class MachineCode:
 
         imports = {name: sample_library[name] for name in ("sample", "runtime")}
         return Library([self._module("batch", self._batch_text)], ["batch"], imports)
+
+    def lanes_library(self, sample_library: Library) -> Library:
+        """The Library with `lanes`, the function of several samples in vectors, which procedures call."""
+        from robot_dynamics.codegen.jit.engine import Library
+
+        return Library([self._module("lanes", self._lanes_text)], ["lanes"], {"runtime": sample_library["runtime"]})
 
     def _module(self, function: str, text: Callable[[], str]) -> Module:
         from robot_dynamics.codegen.jit.engine import Module
@@ -137,6 +136,39 @@ class MachineCode:
         block = block_function(*self._traced, lanes)
         loop = batch_function(len(self.interface.inputs) + len(self.interface.outputs), lanes)
         return "\n".join([RUNTIME, sincos_function(lanes, has_fused_multiply_add()), block, loop])
+
+    def _lanes_text(self) -> str:
+        from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
+        from robot_dynamics.codegen.jit.kernel import lane_function
+        from robot_dynamics.codegen.jit.sincos import sincos_function
+
+        lanes = vector_lanes()
+        function = lane_function(*self._traced, lanes)
+        return "\n".join([RUNTIME, sincos_function(lanes, has_fused_multiply_add()), function])
+
+
+def link_sample_library(
+    module: Module, shared: Sequence[str] = (), imports: Mapping[str, int] | None = None, owners: Sequence[object] = ()
+) -> Library:
+    """The Library with `evaluate`, the Python function of one sample, and `sample`, which it calls.
+
+    Parameters
+    ----------
+    module : Module
+        With `sample` and the signature of the program.
+    shared : sequence of str
+        IR of functions that the module calls and that are the same for many programs.
+    imports, owners
+        See Library.
+    """
+    from robot_dynamics.codegen.jit.engine import Library, Module
+
+    # what is the same for all programs is compiled once, apart
+    shared_modules = [Module.from_text(text, is_shared=True) for text in (entry_point_text(), *shared)]
+    library = Library([module, *shared_modules], ["evaluate", "attempt", "sample", "runtime"], imports, owners)
+    addresses = runtime_table()
+    ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
+    return library
 
 
 def _interface_key(key: str) -> str:

@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robot_dynamics.codegen.jit.batch_loop import batch_function
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
-from robot_dynamics.codegen.jit.entry_point import entry_point_text, signature
-from robot_dynamics.codegen.jit.runtime import runtime_table
-from robot_dynamics.codegen.jit.sincos import RUNTIME
-from robot_dynamics.codegen.procedure.procedure_text import procedure_text
+from robot_dynamics.codegen.jit.entry_point import signature
+from robot_dynamics.codegen.jit.machine_code import link_sample_library
+from robot_dynamics.codegen.jit.sincos import RUNTIME, sincos_module
 from robot_dynamics.codegen.trace.program import Interface, OperationCount
 
 if TYPE_CHECKING:  # engine needs llvmlite, which may be missing
     from robot_dynamics.codegen.jit.engine import Library, Module
     from robot_dynamics.codegen.procedure.kernels import Kernel
     from robot_dynamics.codegen.procedure.procedure_text import ProcedureInterface
+
+logger = logging.getLogger(__name__)
 
 OPTIMIZATION = 1
 """Level of LLVM's passes: they turn memory for names into registers."""
@@ -70,41 +71,65 @@ class ProcedureCode:
 
     def sample_library(self) -> Library:
         """The Library with `evaluate`, the Python function of one sample."""
-        from robot_dynamics.codegen.jit.engine import Library, Module
+        from robot_dynamics.codegen.jit.engine import has_fused_multiply_add
+        from robot_dynamics.codegen.procedure.procedure_text import SINCOS_WIDTH
 
-        exports = ["evaluate", "attempt", "sample", "runtime"]
         imports = {kernel.name: kernel.program.address for kernel in self._kernels}
-        entry_point = Module.from_text(entry_point_text(), is_shared=True)
-        library = Library([self._module(), entry_point], exports, imports, self._kernels)
-        addresses = runtime_table()
-        ctypes.memmove(library["runtime"], addresses, ctypes.sizeof(addresses))
-        return library
+        shared = [sincos_module(SINCOS_WIDTH, has_fused_multiply_add())]
+        return link_sample_library(self._module("sample", self._sample_text), shared, imports, self._kernels)
 
     def batch_library(self, sample_library: Library) -> Library:
-        """The Library with `batch`, the loop over samples."""
+        """The Library with `batch`, the loop over samples: in lanes where the procedure has a form in lanes."""
         from robot_dynamics.codegen.jit.engine import Library, Module
+        from robot_dynamics.codegen.procedure.procedure_errors import LanesError
 
-        loop = batch_function(len(self.interface.inputs) + len(self.interface.outputs), lanes=2)
-        return Library(
-            [Module.from_text(EACH_SAMPLE + loop)], ["batch"], {"sample": sample_library["sample"]}, [sample_library]
-        )
+        imports = {name: sample_library[name] for name in ("sample", "runtime")}
+        owners = [sample_library, *self._kernels]
+        try:
+            lanes = {kernel.name: kernel.program.compile_lanes() for kernel in self._kernels}
+            return Library([self._module("batch", self._lanes_text)], ["batch"], {**lanes, **imports}, owners)
+        except LanesError as error:
+            logger.debug("%s computes one sample after the other: %s", self.interface.name, error)
+        return Library([Module.from_text(self.sample_loop_text())], ["batch"], imports, owners)
 
-    def _text(self) -> str:
+    def _sample_text(self) -> str:
+        from robot_dynamics.codegen.procedure.procedure_text import procedure_text  # needed if the cache has no code
+
         text, kernels = procedure_text(self._function, self._procedure_interface)
-        unknown = {*kernels.values()} - {*self._kernels}
+        self._require_known(kernels.values())
+        interface = self.interface
+        return "\n".join([signature(interface.name, interface.inputs, dict(interface.outputs)), text])
+
+    def _lanes_text(self) -> str:
+        from robot_dynamics.codegen.jit.engine import has_fused_multiply_add, vector_lanes
+        from robot_dynamics.codegen.procedure.block_text import block_text
+
+        lanes = vector_lanes()
+        text, kernels = block_text(self._function, self._procedure_interface, lanes, has_fused_multiply_add())
+        self._require_known(kernels.values())
+        return "\n".join([RUNTIME, text, batch_function(self._array_count, lanes)])
+
+    def sample_loop_text(self) -> str:
+        """IR of the loop that computes one sample after the other."""
+        return EACH_SAMPLE + batch_function(self._array_count, lanes=2)
+
+    @property
+    def _array_count(self) -> int:
+        return len(self.interface.inputs) + len(self.interface.outputs)
+
+    def _require_known(self, kernels: Iterable[Kernel]) -> None:
+        unknown = {*kernels} - {*self._kernels}
         if unknown:
             raise ValueError(
                 f"{self.interface.name} calls {[kernel.name for kernel in unknown]}: not among its kernels"
             )
-        interface = self.interface
-        return "\n".join([signature(interface.name, interface.inputs, dict(interface.outputs)), RUNTIME, text])
 
-    def _module(self) -> Module:
+    def _module(self, function: str, text: Callable[[], str]) -> Module:
         from robot_dynamics.codegen.jit.engine import Module
 
         if self._key is None:
-            return Module.from_text(self._text(), OPTIMIZATION)
-        return Module(f"procedure {self._key}", self._text, OPTIMIZATION)
+            return Module.from_text(text(), OPTIMIZATION)
+        return Module(f"procedure {function} {self._key}", text, OPTIMIZATION)
 
 
 def compile_procedure(

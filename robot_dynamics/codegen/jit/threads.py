@@ -1,7 +1,13 @@
-"""Threads that share work piece by piece, so that a thread that starts late delays none of the others."""
+"""Threads that share work piece by piece, so that a thread that starts late delays none of the others; processors."""
 
+import os
 from _thread import LockType, allocate_lock, start_new_thread  # threading.Thread would wait until each thread runs
 from collections.abc import Callable
+
+
+def available_processors() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_in_threads(work: Callable[[], object], threads: int) -> None:

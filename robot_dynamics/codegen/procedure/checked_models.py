@@ -62,13 +62,13 @@ class CheckedModels:
         key = program_key(model, self._robot, None, {})
         compilation = BackgroundCompilation(
             partial(_compile_attempts, self._robot, self._topology, self._programs, key),
-            0.0,
+            np.inf,
             f"the checked model {model} of {self._robot.name!r}",
             expected_errors=(SingularModelError, CompilationError),
             prepare=partial(self.attempts.__setitem__, model),
         )
         self._compilations[model] = compilation
-        compilation.record_time(1.0)
+        compilation.start()
 
     def compile(self, key: ProgramKey) -> tuple[Attempt, ...]:
         """The functions that compute a model with a base and external wrenches, compiled now.

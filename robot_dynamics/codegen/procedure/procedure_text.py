@@ -7,32 +7,46 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from robot_dynamics.codegen.procedure.frames import Frame
 from robot_dynamics.codegen.procedure.function_text import FunctionText
 from robot_dynamics.codegen.procedure.memory import Memory
-from robot_dynamics.codegen.procedure.slots import copy_memory
+from robot_dynamics.codegen.procedure.slots import MAX_COPIED_BY_ENTRIES, copy_memory
 from robot_dynamics.codegen.procedure.staging import ProcedureStage
 
 if TYPE_CHECKING:
     from robot_dynamics.codegen.procedure.kernels import Kernel
 
-MAX_COPIED_BY_ENTRIES = 64
-"""Entries of an array up to which each is loaded and stored."""
-
-LIBRARY = """
-declare double @llvm.fabs.f64(double)
-declare double @llvm.sqrt.f64(double)
-declare double @llvm.rint.f64(double)
-declare double @llvm.maximum.f64(double, double)
+FUNCTIONS = """
+declare {number} @llvm.sqrt.{suffix}({number})
+declare {number} @llvm.rint.{suffix}({number})
+declare {number} @llvm.maximum.{suffix}({number}, {number})
 declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 declare void @llvm.memset.p0.i64(ptr, i8, i64, i1)
-define internal double @library(i64 %index, double %x) alwaysinline {
-  %at = getelementptr ptr, ptr @runtime, i64 %index
-  %function = load ptr, ptr %at
-  %y = call double %function(double %x)
-  ret double %y
+"""
+"""Functions that procedures use."""
+
+SAMPLE_FUNCTIONS = """
+declare double @llvm.fabs.f64(double)
+declare {<2 x double>, <2 x double>} @sincos_anywhere2(<2 x double>) memory(none) nounwind willreturn
+define internal double @sine(double %x) alwaysinline {
+  %angles = insertelement <2 x double> zeroinitializer, double %x, i64 0
+  %both = call {<2 x double>, <2 x double>} @sincos_anywhere2(<2 x double> %angles)
+  %sines = extractvalue {<2 x double>, <2 x double>} %both, 0
+  %sine = extractelement <2 x double> %sines, i64 0
+  ret double %sine
+}
+define internal double @cosine(double %x) alwaysinline {
+  %angles = insertelement <2 x double> zeroinitializer, double %x, i64 0
+  %both = call {<2 x double>, <2 x double>} @sincos_anywhere2(<2 x double> %angles)
+  %cosines = extractvalue {<2 x double>, <2 x double>} %both, 1
+  %cosine = extractelement <2 x double> %cosines, i64 0
+  ret double %cosine
 }
 """
-"""Functions that procedures use; `@runtime` is the table of addresses of which sine and cosine are the first."""
+"""Functions that procedures of one sample use."""
+
+SINCOS_WIDTH = 2
+"""Width of the vectors in which these compute an angle."""
 
 
 class ProcedureInterface(NamedTuple):
@@ -62,22 +76,21 @@ def procedure_text(function: Callable[..., Any], interface: ProcedureInterface) 
         The function breaks a rule for procedures, or its results have other shapes.
     """
     text = FunctionText()
-    stage = ProcedureStage(text)
+    stage = ProcedureStage(text, Frame)
     pointers = [text.assign(f"load ptr, ptr {_pointer_at(text, k)}, align 8") for k in range(_array_count(interface))]
     inputs = [
         Memory(text, pointer, (size,)) for pointer, size in zip(pointers, interface.inputs.values(), strict=False)
     ]
     results = stage.stage(function, inputs)
-    results = results if isinstance(results, tuple) else (results,)
     outputs = [
         Memory(text, pointer, shape)
         for pointer, shape in zip(pointers[len(inputs) :], interface.outputs.values(), strict=True)
     ]
-    _store_results(results, outputs, {memory.address for memory in inputs})
-    declarations = [f"declare void @{name}(ptr)" for name in stage.kernels]
+    _store_results(check_results(results, interface), outputs, {memory.address for memory in inputs})
     lines = [
-        LIBRARY,
-        *declarations,
+        declare_functions(text),
+        SAMPLE_FUNCTIONS,
+        *(f"declare void @{name}(ptr)" for name in stage.kernels),
         "define void @sample(ptr %pointers) noinline {",
         *text.allocations,
         *text.lines,
@@ -85,6 +98,20 @@ def procedure_text(function: Callable[..., Any], interface: ProcedureInterface) 
         "}",
     ]
     return "\n".join(lines), stage.kernels
+
+
+def declare_functions(text: FunctionText) -> str:
+    """IR that declares the functions of LLVM that procedures use."""
+    return FUNCTIONS.format(number=text.number_type, suffix=text.number_suffix)
+
+
+def check_results(results: Any, interface: ProcedureInterface) -> tuple[Any, ...]:
+    """The results of a procedure, one for each output. Raises ValueError where their shapes differ."""
+    arrays = results if isinstance(results, tuple) else (results,)
+    for result, shape in zip(arrays, interface.outputs.values(), strict=True):
+        if np.shape(result) != shape:
+            raise ValueError(f"a result has the shape {np.shape(result)}, and its output {shape}")
+    return arrays
 
 
 def _array_count(interface: ProcedureInterface) -> int:
@@ -98,10 +125,7 @@ def _pointer_at(text: FunctionText, number: int) -> str:
 def _store_results(results: tuple[Any, ...], outputs: list[Memory], inputs: set[str]) -> None:
     """Store the results. Outputs may overlap inputs: everything that is read from inputs is read first."""
     read: list[Any] = []
-    for result, output in zip(results, outputs, strict=True):
-        shape = np.shape(result) if not isinstance(result, Memory) else result.shape
-        if shape != output.shape:
-            raise ValueError(f"a result has the shape {shape}, and its output {output.shape}")
+    for result in results:
         is_local = isinstance(result, Memory) and result.address not in inputs
         is_long = isinstance(result, Memory) and result.size > MAX_COPIED_BY_ENTRIES
         read.append(result.values() if isinstance(result, Memory) and not (is_local and is_long) else result)

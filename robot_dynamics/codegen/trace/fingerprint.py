@@ -18,7 +18,7 @@ import numpy as np
 
 PACKAGE = Path(__file__).parents[2]
 
-FOLDERS = ("codegen", "constraints", "flexible", "model", "newton_euler", "simulation")
+FOLDERS = ("codegen", "constraints", "flexible", "model", "newton_euler", "parallel", "simulation")
 """Folders of the package with all source on which a program of a Robot depends."""
 
 FILES = ("procedures.py",)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -17,6 +17,7 @@ from robot_dynamics.constraints.attitude_charts import virtual_links
 from robot_dynamics.constraints.constrained_state import charted_state_at, projection_matrix, state_at
 from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelerations
 from robot_dynamics.constraints.topology import build_topology
+from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
 from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.joint_springs import spring_force
@@ -77,6 +78,8 @@ class ModelTrace:
         Frames that the results name.
     independent : sequence of int or None
         Numbers of the independent joints; None for those of Dynamics.
+    varied_links : sequence of int
+        Links whose inertias are arguments, one (10,) for each: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ.
 
     Attributes
     ----------
@@ -109,6 +112,7 @@ class ModelTrace:
         prepare: bool = True,
         frames: Sequence[str] = (),
         independent: Sequence[int] | None = None,
+        varied_links: Sequence[int] = (),
     ) -> None:
         self.name = name
         self.trace = Trace()
@@ -119,6 +123,8 @@ class ModelTrace:
         self.inputs: dict[str, ScalarArray] = {key: self.trace.input(key, self.size) for key in arguments}
         named_links = {robot.frame(frame).link for frame in (*wrenches, *frames)}
         self._in_charts = name in CHART_MODELS and not virtual_links(robot) & named_links
+        inertias = {number: self.trace.input(inertia_name(number), 10) for number in varied_links}
+        robot = with_inertias(robot, inertias)
         self.robot = robot
         self._joints = robot.joints
         self._has_load_friction = has_load_friction(robot)
@@ -130,6 +136,7 @@ class ModelTrace:
         self._trace_motion(original_q + shifts, shifts)
         self._trace_base(base_argument_names(name, robot), prescribed_base)
         self.wrenches = self._trace_wrenches(wrenches)
+        self.inputs.update({inertia_name(number): values for number, values in inertias.items()})
         self.all_passive_efforts: ScalarArray = np.zeros(len(robot.joints), dtype=int)
         if "qd" in self.inputs:
             self.all_passive_efforts = friction(robot, self.qd) + spring_force(robot, original_q, self.qd)
@@ -279,6 +286,20 @@ class ModelTrace:
         if with_pivots:
             results.update(self.pivot_results)
         return build_program(self.trace, self.name, {key: len(array) for key, array in self.inputs.items()}, results)
+
+
+def inertia_name(number: int) -> str:
+    """Name of the argument that has the inertia of a link."""
+    return f"inertia of link {number}"
+
+
+def with_inertias(robot: Robot, inertias: Mapping[int, ScalarArray]) -> Robot:
+    """A robot with other inertias (10,) of some links: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ."""
+    links = list(robot.links)
+    for number, values in inertias.items():
+        inertia = Inertia(values[0], values[1:4], symmetric_matrix(*values[4:]))
+        links[number] = replace(links[number], inertia=inertia)
+    return replace(robot, links=tuple(links)) if inertias else robot
 
 
 def topology_of(robot: Robot, independent: Sequence[int] | None) -> ConstraintTopology:

@@ -103,6 +103,7 @@ def direct_model(
     prescribed_base: bool = False,
     with_pivots: bool = False,
     group_parameters: bool = True,
+    varied_links: Sequence[int] = (),
 ) -> Program:
     """The direct dynamic model: q, qd, efforts -> accelerations.
 
@@ -110,6 +111,8 @@ def direct_model(
     ----------
     robot, wrenches, prescribed_base, with_pivots, group_parameters
         See `inverse_model`.
+    varied_links : sequence of int
+        Links whose inertias are arguments, as ModelTrace has them.
 
     Returns
     -------
@@ -117,7 +120,9 @@ def direct_model(
         With the output `accelerations` (n,), and `base_acceleration` (6,) if the base is free. They are not finite
         where nothing with inertia resists some motion.
     """
-    model = ModelTrace("direct", robot, ("q", "qd", "efforts"), wrenches, prescribed_base, group_parameters)
+    model = ModelTrace(
+        "direct", robot, ("q", "qd", "efforts"), wrenches, prescribed_base, group_parameters, varied_links=varied_links
+    )
     zeros = np.zeros(model.size, dtype=int)
     net_efforts = model.loads(model.inputs["efforts"] - model.passive_efforts, model.topology.independent)
     base_acceleration, qdd = model.accelerations(tuple(range(model.size)), zeros, net_efforts)
@@ -130,6 +135,7 @@ def state_derivative_model(
     wrenches: Sequence[str] = (),
     independent: Sequence[int] | None = None,
     group_parameters: bool = True,
+    varied_links: Sequence[int] = (),
 ) -> Program:
     """The derivative of the state that a simulation integrates.
 
@@ -142,6 +148,8 @@ def state_derivative_model(
         See `inverse_model`.
     independent : sequence of int or None
         Numbers of the joints to which qd and the accelerations belong; None for those of Dynamics.
+    varied_links : sequence of int
+        See `direct_model`.
 
     Returns
     -------
@@ -159,6 +167,7 @@ def state_derivative_model(
         wrenches,
         group_parameters=group_parameters,
         independent=independent,
+        varied_links=varied_links,
     )
     model.inputs["efforts"] = efforts = model.trace.input("efforts", len(robot.joints))
     net_efforts = model.projected(model.loads(efforts - model.all_passive_efforts, range(len(robot.joints))))
@@ -168,10 +177,24 @@ def state_derivative_model(
 
 
 def inertia_matrix_model(
-    robot: Robot, *, independent: Sequence[int] | None = None, group_parameters: bool = True
+    robot: Robot,
+    *,
+    independent: Sequence[int] | None = None,
+    group_parameters: bool = True,
+    varied_links: Sequence[int] = (),
 ) -> Program:
-    """q -> inertia_matrix (m, m), as Dynamics.inertia_matrix, of the joints `independent` (numbers) if passed."""
-    model = ModelTrace("inertia_matrix", robot, ("q",), group_parameters=group_parameters, independent=independent)
+    """q -> inertia_matrix (m, m), as Dynamics.inertia_matrix, of the joints `independent` (numbers) if passed.
+
+    varied_links: see `direct_model`.
+    """
+    model = ModelTrace(
+        "inertia_matrix",
+        robot,
+        ("q",),
+        group_parameters=group_parameters,
+        independent=independent,
+        varied_links=varied_links,
+    )
     P = model.projection_matrix
     return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.force_robot, model.force_q) @ P})
 

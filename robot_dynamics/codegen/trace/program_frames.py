@@ -126,8 +126,10 @@ def turn_last_frames(robot: Robot) -> tuple[Robot, Array]:
 def _best_direction(inertia: Inertia) -> float:
     """The angle about z of an x axis along which an inertial parameter is zero [rad]; 0 if the given axis is as good.
 
-    The parameter is MY; YZ where MX = MY = 0; XY where XZ = YZ = 0 as well.
+    The parameter is MY; YZ where MX = MY = 0; XY where XZ = YZ = 0 as well. It is 0 where the numbers are symbols.
     """
+    if inertia.has_symbols:
+        return 0.0
     J = inertia.second_moments
     for x, y in (inertia.first_moments[:2], J[:2, 2]):
         if x != 0 or y != 0:

@@ -1,11 +1,15 @@
 """Reading and decoding of description files, with limits on their size."""
 
+import codecs
 from pathlib import Path
 
 from robot_dynamics.errors import DescriptionError
 
 MAX_DESCRIPTION_LENGTH = 10 * 1024 * 1024
 """Most characters of a description; the largest real ones have half a million."""
+
+PYTHON_CODECS = ("punycode", "idna", "unicode_escape", "raw_unicode_escape", "undefined")
+"""Codecs of Python that are no character sets: no file has them, and decoding may take quadratic time."""
 
 UTF16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 
@@ -39,6 +43,8 @@ def decode_text(text: str | bytes, source: object, expected: str, max_length: in
         if text[:2] in UTF16_MARKS:
             encoding = "utf-16"
         try:
+            if codecs.lookup(encoding).name.replace("-", "_") in PYTHON_CODECS:
+                raise LookupError(f"{encoding} is no character set")
             text = text.decode(encoding)
         except (UnicodeError, LookupError) as error:
             raise DescriptionError(f"{source} cannot be decoded: {error}. Save it as UTF-8") from None

@@ -12,6 +12,11 @@ from lark.exceptions import LarkError, UnexpectedCharacters, UnexpectedToken, Vi
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 
 MAX_EXPRESSION_LENGTH = 1000  # characters; an entry of a table has ten
+MAX_EVALUATED_LENGTH = 500_000
+"""Characters of all expressions of a description, with EXPRESSION_OVERHEAD for each. They take some seconds. Robots
+that ship have at most 10 000."""
+EXPRESSION_OVERHEAD = 10
+"""Characters that take as long as an empty expression."""
 CONSTANTS = {"pi": math.pi}
 FUNCTIONS: dict[str, tuple[Callable[..., float], int]] = {
     "abs": (math.fabs, 1),
@@ -71,6 +76,28 @@ class _Evaluator(Transformer):  # type: ignore[type-arg, unused-ignore]  # relea
         if len(values) != count:
             raise _EvaluationError(f"{token} takes {count} argument{'s'[: count - 1]}, not {len(values)}")
         return function(*values)
+
+
+class ExpressionBudget:
+    """The expressions that one description may still evaluate."""
+
+    def __init__(self) -> None:
+        self._remaining = MAX_EVALUATED_LENGTH
+
+    @property
+    def is_spent(self) -> bool:
+        """Whether an expression was refused because there were too many."""
+        return self._remaining < 0
+
+    def spend(self, text: str) -> None:
+        """Count an expression that is evaluated. Raises DescriptionError where there are too many."""
+        self._remaining -= len(text) + EXPRESSION_OVERHEAD
+        if self.is_spent:
+            raise DescriptionError(
+                f"the expressions up to here are too many: they are evaluated up to {MAX_EVALUATED_LENGTH} characters "
+                f"in total, {EXPRESSION_OVERHEAD} added for each, and parameters again for each leg with parameters of "
+                "its own. Write numbers instead"
+            )
 
 
 _LOOKUP: ContextVar[Callable[[str], float]] = ContextVar("values of the names in the expression that is being parsed")

@@ -92,6 +92,14 @@ class JointOrder:
         return self.independent == list(range(len(self.dynamics.all_joint_names)))
 
     @cached_property
+    def is_plain(self) -> bool:
+        """Whether all joints of the robot are independent and have motors, and its base is fixed."""
+        robot = self.dynamics.robot
+        return self.are_all_independent and not (
+            robot.moving_base or robot.loops or robot.platforms or self.dynamics.unactuated_joint_names
+        )
+
+    @cached_property
     def _independent_columns(self) -> IntArray | None:
         """Columns of the independent joints in the message; None where these are all its columns in the same order."""
         columns = [list(self.numbers).index(number) for number in self.independent]

@@ -81,16 +81,20 @@ class JointStateReader:
         """Names of the independent joints that no message has contained so far."""
         return [name for name in self._dynamics.joint_names if name not in self._reported]
 
+    def find_mapping(self, message: JointState) -> JointMapping:
+        """Return where the joints of the robot are in a message: the same object for equal lists of names."""
+        if message.name != self._names:
+            self._names = list(message.name)
+            self._mapping = self._mapping_of_names(tuple(self._names))
+        return self._mapping
+
     def read(self, message: JointState, velocities_required: bool) -> bool:
         """Copy the state of a message, and return whether it contains the required joints.
 
         velocities_required: whether a message without velocities is refused; else they are zero. Raises
         InvalidInputError.
         """
-        if message.name != self._names:
-            self._names = list(message.name)
-            self._mapping = self._find_mapping(tuple(self._names))
-        mapping = self._mapping
+        mapping = self.find_mapping(message)
         size = len(self._names)
         if mapping.rejection_reason:
             raise InvalidInputError(mapping.rejection_reason)
@@ -111,7 +115,7 @@ class JointStateReader:
             self._dependent_positions[mapping.dependent_indices] = positions[mapping.dependent_message_indices]
         return mapping.has_required_joints
 
-    def _find_mapping(self, names: tuple[str, ...]) -> JointMapping:
+    def _mapping_of_names(self, names: tuple[str, ...]) -> JointMapping:
         """Return the mapping of messages with these names; the last few are kept, for topics with many publishers."""
         mapping = self._mappings.get(names)
         if mapping is None:

@@ -24,18 +24,23 @@ def read_reference(message: JointTrajectory, joints: Sequence[str], namespace: s
     joints: names of the controlled joints. The message must name all of them, in any order, and no others. Raises
     InvalidInputError.
     """
-    names = [resolve_name("joint", name, joints, namespace) for name in message.joint_names]
-    missing = [name for name in joints if name not in names]
-    if len(names) != len(joints) or missing:
-        reason = f"joints missing: {', '.join(map(repr, missing))}" if missing else "a joint is named more than once"
-        raise InvalidInputError(f"{reason}. All controlled joints must be named, each once")
-    order = [names.index(name) for name in joints]
+    order = order_joints(message.joint_names, joints, namespace)
     points = message.points
     for number, point in enumerate(points):
         require_empty(point, "effort", f"points[{number}]", "this node computes the efforts")
     values = np.stack([_read_field(points, field, len(joints)) for field in FIELDS])
     times = np.array([to_nanoseconds(point.time_from_start) for point in points]) * 1e-9
     return times, values[:, :, order]
+
+
+def order_joints(message_names: Sequence[str], joints: Sequence[str], namespace: str) -> list[int]:
+    """Return the index of each controlled joint in the names of a message. Raises InvalidInputError."""
+    names = [resolve_name("joint", name, joints, namespace) for name in message_names]
+    missing = [name for name in joints if name not in names]
+    if len(names) != len(joints) or missing:
+        reason = f"joints missing: {', '.join(map(repr, missing))}" if missing else "a joint is named more than once"
+        raise InvalidInputError(f"{reason}. All controlled joints must be named, each once")
+    return [names.index(name) for name in joints]
 
 
 def _read_field(points: Sequence[JointTrajectoryPoint], field: str, size: int) -> Array:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
-from time import perf_counter
+from time import perf_counter, sleep
 from typing import TYPE_CHECKING
 
 from builtin_interfaces.msg import Time
@@ -20,20 +20,25 @@ from robot_dynamics.control.sending import send_in_time
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.base_odometry import BaseOdometryReader
 from robot_dynamics.nodes.codecs.joint_states import JointStateReader
-from robot_dynamics.nodes.codecs.references import read_reference, read_reference_point
-from robot_dynamics.nodes.diagnostics import DurationStatistics
+from robot_dynamics.nodes.codecs.references import read_reference_point
+from robot_dynamics.nodes.codecs.serialized_trajectories import read_serialized_reference
+from robot_dynamics.nodes.computed_torque.state_agreement import ReceivedState
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, ByteArray
     from robot_dynamics.control.control_law import ControlLaw
     from robot_dynamics.control.controller import Settings
+    from robot_dynamics.control.reference import Trajectory
+    from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
     from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
     from robot_dynamics.nodes.computed_torque.outputs import ControlOutputs
     from robot_dynamics.nodes.computed_torque.publisher_monitor import SequenceSteps
+    from robot_dynamics.nodes.computed_torque.state_agreement import StateAgreement
     from robot_dynamics.nodes.message_info import MessageInfo
 
 STANDSTILL = 1.0  # [s] of the machine without a state, after which efforts go to zero although the clock stands still
+READER_PAUSE = 1e-3  # [s] of a thread that reads a long trajectory, after each millisecond
 OTHER_CLOCK_AGE = 10.0  # [s] age of a state that no delay explains
 
 
@@ -45,35 +50,27 @@ class PreparedLaw:
     settings: Settings
 
 
+@dataclass(frozen=True, eq=False)
+class TimedReference:
+    """A trajectory that has been read.
+
+    Attributes
+    ----------
+    received : time [s] by the clock of the node.
+    stamp : of its start [ns]; zero for the present.
+    trajectory : with times from the start; None for the end of the reference.
+    """
+
+    received: float
+    stamp: int
+    trajectory: Trajectory | None
+
+
 @dataclass(frozen=True)
 class RejectedLaw:
     """Why the loop cannot control a changed robot: efforts go to zero."""
 
     reason: str
-
-
-@dataclass
-class ControlStatistics:
-    """Counts and durations since the last report on /diagnostics, and over the whole time."""
-
-    latencies: DurationStatistics = field(default_factory=DurationStatistics)
-    state_ages: DurationStatistics = field(default_factory=DurationStatistics)
-    deadline_misses: int = 0
-    saturated: int = 0
-    out_of_order: int = 0  # over the whole time
-
-    def take(self, elapsed: float) -> dict[str, object]:
-        """Return the entries of a report for the last `elapsed` seconds, and start the next period."""
-        entries = {
-            **self.latencies.take("efforts", elapsed),
-            **self.state_ages.take("age of state"),
-            "deadline misses": self.deadline_misses,
-            "saturated": self.saturated,
-            "states out of order": self.out_of_order,
-        }
-        self.deadline_misses = 0
-        self.saturated = 0
-        return entries
 
 
 class ControlLoop:
@@ -84,6 +81,7 @@ class ControlLoop:
     law, settings : of the controller.
     namespace : of the node, which may precede joint names.
     sequence_steps : takes the messages with the controlled joints.
+    agreement : of the states of several publishers.
     on_sent : called with the time [s] of a state after its efforts have been sent, and with the present time after
         efforts without a state.
     """
@@ -97,17 +95,20 @@ class ControlLoop:
         outputs: ControlOutputs,
         statistics: ControlStatistics,
         sequence_steps: SequenceSteps,
+        agreement: StateAgreement,
         on_sent: Callable[[float], None],
         logger: RcutilsLogger,
     ) -> None:
         self.controller = Controller(law, settings)
         self.is_active = False
+        self.activated_at = -inf  # [s] by the clock of the machine
         self.prepared: PreparedLaw | RejectedLaw | None = None  # set by another thread, applied by the next callback
         self._namespace = namespace
         self._times = times
         self._outputs = outputs
         self._statistics = statistics
         self._sequence_steps = sequence_steps
+        self._agreement = agreement
         self._on_sent = on_sent
         self._logger = logger
         self._joint_states = self._joint_state_reader(law)
@@ -133,7 +134,9 @@ class ControlLoop:
         self._last_state_time = -inf
         self._last_tick = None
         self._received_at = inf
+        self.activated_at = perf_counter()
         self._times.restart()
+        self._agreement.restart()
         self.is_active = True
 
     def deactivate(self) -> None:
@@ -155,6 +158,8 @@ class ControlLoop:
         is_unstamped = message.header.stamp.sec == message.header.stamp.nanosec == 0
         time = now if is_unstamped else self._times.of_stamp(message.header.stamp)
         timeout = controller.settings.state_timeout
+        state = ReceivedState(message, info.get("publication_sequence_number"), time)
+        contradiction = self._agreement.check(self._joint_states.find_mapping(message), state, began, timeout)
         if 0.0 < self._last_state_time - time < timeout:
             self._statistics.out_of_order += 1
             return
@@ -164,6 +169,8 @@ class ControlLoop:
             if not self._joint_states.read(message, controller.settings.mode not in (GRAVITY, FEEDFORWARD)):
                 return
             self._sequence_steps.add(info)
+            if contradiction:
+                raise InvalidInputError(contradiction)
             published = now - self._times.transit_time(message, info)
             if is_unstamped:
                 time = published
@@ -171,6 +178,8 @@ class ControlLoop:
                 raise InvalidInputError(_describe_age(now - time, is_unstamped, self._times.is_clock_missing))
             self._base.require_current(now, timeout)
             efforts = controller.step(now, time, published)
+            if controller.fault:  # efforts that go to zero do not answer the state
+                stamp = None
             until -= now - min(time, published)
         except Exception as error:
             stamp = None
@@ -205,11 +214,18 @@ class ControlLoop:
             self._send(efforts, None, until)
             self._on_sent(now)
 
-    def follow_trajectory(self, message: JointTrajectory) -> None:
+    def read_trajectory(self, data: ByteArray) -> TimedReference:
+        """Read a serialized trajectory in a thread beside that of the efforts. Raises InvalidInputError."""
+        received = self._times.now()
+        stamp, times, points = read_serialized_reference(data, self.law.joints, self._namespace)
+        trajectory = self.controller.prepare_trajectory(times, points, lambda: sleep(READER_PAUSE))
+        return TimedReference(received, stamp, trajectory)
+
+    def follow_trajectory(self, reference: TimedReference) -> None:
         """Follow a trajectory from its start. Raises InvalidInputError."""
-        times, points = read_reference(message, self.law.joints, self._namespace)
-        now = self._times.now()  # after thousands of points have been read
-        self.controller.follow_trajectory(now, self._start_time(message, now), times, points)
+        now = self._times.now()
+        start = self._times.of_nanoseconds(reference.stamp) if reference.stamp else now
+        self.controller.follow(now, start, reference.trajectory, reference.received)
 
     def track_point(self, message: JointTrajectory, info: MessageInfo) -> None:
         """Track a single point for reference_timeout. Raises InvalidInputError."""
@@ -241,6 +257,7 @@ class ControlLoop:
         base = self._base_reader(prepared.law)
         base.continue_from(self._base)
         self._base = base
+        self._agreement.forget_states()
         self._logger.info(f"continues with {prepared.law.dynamics.robot!r}")
 
     def _lifetime(self) -> float:

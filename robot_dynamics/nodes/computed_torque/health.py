@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.control.modes import GRAVITY
+from robot_dynamics.nodes.computed_torque.parameters import limits_warning
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def control_health(
     if refusal:
         warnings.append(refusal)
     warnings.extend(conflicts)
+    warnings.extend(filter(None, [limits_warning(loop.law.dynamics, loop.law.joints, controller.settings.limits)]))
     if robot.reliability_warning:
         warnings.append(robot.reliability_warning)
     if loop.unreported_joint_names:

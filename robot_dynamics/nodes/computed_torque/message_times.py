@@ -43,7 +43,11 @@ class MessageTimes:
 
     def of_stamp(self, stamp: Time) -> float:
         """Return the time of a stamp."""
-        return (to_nanoseconds(stamp) - self._epoch) * 1e-9
+        return self.of_nanoseconds(to_nanoseconds(stamp))
+
+    def of_nanoseconds(self, time: int) -> float:
+        """Return the time of a stamp in ns."""
+        return (time - self._epoch) * 1e-9
 
     def transit_time(self, message: JointState | Odometry | JointTrajectory, info: MessageInfo) -> float:
         """Return how long a message was in transit [s], as far as it is known; zero in simulated time."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +15,12 @@ from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
-from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, ControlStatistics, PreparedLaw, RejectedLaw
+from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, PreparedLaw, RejectedLaw
+from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
 from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
 from robot_dynamics.nodes.computed_torque.health import control_health
 from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
@@ -28,19 +28,24 @@ from robot_dynamics.nodes.computed_torque.outputs import QOS_OVERRIDES, ControlO
 from robot_dynamics.nodes.computed_torque.parameters import (
     PARAMETERS,
     describe_settings,
+    limits_warning,
     settings_from_parameters,
 )
 from robot_dynamics.nodes.computed_torque.publisher_monitor import PublisherMonitor, SequenceSteps
+from robot_dynamics.nodes.computed_torque.reference_inputs import ReferenceInputs
+from robot_dynamics.nodes.computed_torque.state_agreement import StateAgreement
 from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.lifecycle import RobustLifecycleNode
 from robot_dynamics.nodes.message_info import MessageInfoCallback
+from robot_dynamics.nodes.middleware import without_shared_memory
 from robot_dynamics.nodes.parameters import (
     declare_parameters,
     read_parameters,
     try_parameter_change,
     validate_changes,
 )
+from robot_dynamics.nodes.publisher_names import describe_publishers
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
 from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
@@ -78,15 +83,12 @@ class ComputedTorque(RobustLifecycleNode):
         self._is_built = False
         self._start_requested = False
         self._configuration_error = ""
-        self._reference_refusal = ""
-        self._last_refusal = ""
-        self._refused = 0
         self._statistics = ControlStatistics()
         self._fault_log = FaultLog(self.get_logger())
         declare_parameters(self, PARAMETERS)
         self._values = read_parameters(self, PARAMETERS)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
-        self._robot = RobotSource(self, on_new_robot=self._on_new_robot, worker=self._worker)
+        self._robot = RobotSource(self, self._on_new_robot, self._worker, self._require_changeable)
         self.add_on_set_parameters_callback(self._before_change)
         self.add_post_set_parameters_callback(self._after_change)
         self._times = MessageTimes(self.get_clock())
@@ -96,7 +98,12 @@ class ComputedTorque(RobustLifecycleNode):
         self._publisher_monitor = PublisherMonitor(
             self, self._outputs.effort_topics, "joint_states", self._sequence_steps
         )
+        states_topic = self.resolve_topic_name("joint_states")
+        self._agreement = StateAgreement(
+            lambda: self.count_publishers(states_topic), lambda: describe_publishers(self, "joint_states")
+        )
         self._diagnostics = Diagnostics(self, "control", self._report)
+        self._references = ReferenceInputs(self, lambda: self._loop)
         self._subscribe()
         # a timer of the machine's time: that of a simulation may stand still
         self._timer = self.create_timer(
@@ -110,14 +117,11 @@ class ComputedTorque(RobustLifecycleNode):
         qos = INPUT_STREAM_QOS
         on_joint_states = MessageInfoCallback(self._on_joint_states)
         on_odometry = MessageInfoCallback(self._on_odometry)
-        on_reference_point = MessageInfoCallback(self._on_reference_point)
         self._input_subscriptions = [
             self.create_subscription(
                 JointState, "joint_states", on_joint_states, qos, qos_overriding_options=QOS_OVERRIDES
             ),
             self.create_subscription(Odometry, "odom", on_odometry, qos, qos_overriding_options=QOS_OVERRIDES),
-            self.create_subscription(JointTrajectory, "~/reference", self._on_reference, 1),
-            self.create_subscription(JointTrajectory, "~/reference_point", on_reference_point, qos),
         ]
 
     def _tick_period(self) -> float:
@@ -149,7 +153,7 @@ class ComputedTorque(RobustLifecycleNode):
             logger.error(self._configuration_error)
             return TransitionCallbackReturn.FAILURE
         self._configuration_error = ""
-        self._reference_refusal = ""
+        self._references.refusal = ""
         self._loop = ControlLoop(
             law,
             settings,
@@ -158,6 +162,7 @@ class ComputedTorque(RobustLifecycleNode):
             self._outputs,
             self._statistics,
             self._sequence_steps,
+            self._agreement,
             self._on_sent,
             logger,
         )
@@ -167,6 +172,9 @@ class ComputedTorque(RobustLifecycleNode):
         idle = [name for name, limit in zip(law.joints, settings.limits, strict=True) if limit == 0]
         if idle:
             logger.warning(f"the effort of {', '.join(idle)} is limited to 0: set effort_limits")
+        excess = limits_warning(dynamics, law.joints, settings.limits)
+        if excess:
+            logger.warning(excess)
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -199,6 +207,7 @@ class ComputedTorque(RobustLifecycleNode):
     def destroy_node(self) -> None:
         """Send zero efforts if the node is active, and destroy it."""
         self._stop()
+        self._references.close()
         self._worker.shutdown(wait=False, cancel_futures=True)
         super().destroy_node()
 
@@ -260,6 +269,7 @@ class ComputedTorque(RobustLifecycleNode):
 
     def _on_joint_states(self, message: JointState, info: MessageInfo) -> None:
         if self._loop is not None:
+            self._references.follow_read()
             self._loop.on_joint_states(message, info)
 
     def _on_odometry(self, message: Odometry, info: MessageInfo) -> None:
@@ -269,26 +279,9 @@ class ComputedTorque(RobustLifecycleNode):
     def _on_tick(self) -> None:
         if self._start_requested:
             self._start()
+        self._references.follow_read()
         if self._loop is not None:
             self._loop.on_tick()
-
-    def _on_reference(self, message: JointTrajectory) -> None:
-        self._take_reference("reference", lambda loop: loop.follow_trajectory(message))
-
-    def _on_reference_point(self, message: JointTrajectory, info: MessageInfo) -> None:
-        self._take_reference("reference_point", lambda loop: loop.track_point(message, info))
-
-    def _take_reference(self, topic: str, take: Callable[[ControlLoop], None]) -> None:
-        try:
-            if self._loop is None or not self._loop.is_active:
-                raise InvalidInputError("the node is not active")
-            take(self._loop)
-            self._reference_refusal = ""
-        except Exception as error:
-            self._refused += 1
-            self._reference_refusal = f"{topic} refused: {failure_reason(self.get_logger(), error)}"
-            self._last_refusal = self._reference_refusal
-            self.get_logger().warning(self._reference_refusal, throttle_duration_sec=1.0)
 
     def _on_sent(self, time: float) -> None:
         """Publish ~/state if it is due at a time [s], and log and publish what has changed."""
@@ -305,7 +298,7 @@ class ComputedTorque(RobustLifecycleNode):
 
     @property
     def _refusal(self) -> str:
-        return self._configuration_error or self._reference_refusal
+        return self._configuration_error or self._references.refusal
 
     def _report(self, elapsed: float) -> tuple[Level, str, str, Values]:
         self._clock_monitor.check()
@@ -315,11 +308,11 @@ class ComputedTorque(RobustLifecycleNode):
         values = {
             **self._statistics.take(elapsed),
             "standstills": self._loop.controller.watchdog.stall_count if self._loop is not None else 0,
-            "references refused": self._refused,
-            "last refusal": self._last_refusal,
+            "references refused": self._references.refused_count,
+            "last refusal": self._references.last_refusal,
         }
         health = control_health(
-            self._robot, self._loop, self._configuration_error, self._reference_refusal, conflicts, misses
+            self._robot, self._loop, self._configuration_error, self._references.refusal, conflicts, misses
         )
         return *health, self._robot.name, values
 
@@ -327,4 +320,4 @@ class ComputedTorque(RobustLifecycleNode):
 def main(arguments: list[str] | None = None) -> None:
     """Run the node."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    run_node(ComputedTorque, arguments, executor=make_events_executor, udp_only=True)
+    run_node(ComputedTorque, arguments, executor=make_events_executor, transports=without_shared_memory)

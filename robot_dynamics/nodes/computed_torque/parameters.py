@@ -140,12 +140,37 @@ def _shorten(values: Array) -> object:
     return f"{values[0]:g}" if len(values) and (values == values[0]).all() else values.tolist()
 
 
-def _limits_of_description(dynamics: Dynamics, joints: Sequence[str]) -> Array:
+def limits_warning(dynamics: Dynamics, joints: Sequence[str], limits: Array) -> str:
+    """Return a sentence on efforts that may exceed the limits of the description, empty if none may.
+
+    Parameters
+    ----------
+    joints : names of n joints.
+    limits : (n,) of their efforts [N m or N].
+
+    Notes
+    -----
+    A limit of 0 in a description states none: many URDFs have it for joints whose limit nobody entered.
+    """
+    described = _described_limits(dynamics, joints)
+    excessive = [
+        f"{name} {limit:g} ({allowed:g})"
+        for name, limit, allowed in zip(joints, limits, described, strict=True)
+        if limit > allowed > 0
+    ]
+    return f"effort_limits exceed those of the description: {', '.join(excessive)}" if excessive else ""
+
+
+def _described_limits(dynamics: Dynamics, joints: Sequence[str]) -> Array:
     robot = dynamics.robot
-    limits = np.array([robot.joints[robot.joint_numbers[name]].limits.effort for name in joints])
+    return np.array([robot.joints[robot.joint_numbers[name]].limits.effort for name in joints])
+
+
+def _limits_of_description(dynamics: Dynamics, joints: Sequence[str]) -> Array:
+    limits = _described_limits(dynamics, joints)
     if not limits.any():
         raise InvalidInputError(
-            f"the description of {robot.name!r} limits the effort of {', '.join(joints)} to 0, so that "
+            f"the description of {dynamics.robot.name!r} limits the effort of {', '.join(joints)} to 0, so that "
             "nothing but zeros could be sent: set effort_limits"
         )
     return np.where(limits >= UNLIMITED, np.inf, limits)

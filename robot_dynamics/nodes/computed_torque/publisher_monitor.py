@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rclpy.node import Node
 
-from robot_dynamics.nodes.publisher_names import find_publishers, join_other_names
+from robot_dynamics.nodes.publisher_names import describe_publishers, find_publishers, join_other_names
 
 if TYPE_CHECKING:
     from robot_dynamics.nodes.message_info import MessageInfo
@@ -105,8 +105,8 @@ class PublisherMonitor:
         topic = self._states_topic
         if steps_back < MIN_STEPS_BACK or self._node.count_publishers(topic) < 2:
             return []
-        names = " and ".join(find_publishers(self._node, topic))
         return [
-            f"{topic} is published by {names}, and more than one of them has the controlled joints, so that efforts "
-            "alternate between their states: let one of them publish these joints"
+            f"{topic} is published by {describe_publishers(self._node, topic)}, and more than one of them has the "
+            "controlled joints: efforts go to zero where their states contradict each other. Let one of them publish "
+            "these joints"
         ]

@@ -35,10 +35,12 @@ class BagRecorder:
         self._now = now
         self._writer = rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP)
         self._subscriptions: list[Subscription] = []
+        self._is_open = False
         self.message_count = 0
 
     def __enter__(self) -> BagRecorder:
         self._writer.open()
+        self._is_open = True
         store = load_typestore()
         for name, kind in self._topics.items():
             package = kind.__module__.partition(".")[0]
@@ -49,6 +51,8 @@ class BagRecorder:
 
     def _callback(self, connection: Any) -> Callable[[bytes], None]:
         def write(message: bytes) -> None:
+            if not self._is_open:  # an executor may have had it in its queue when the subscription ended
+                return
             self._writer.write(connection, self._now(), message)
             self.message_count += 1
 
@@ -57,6 +61,7 @@ class BagRecorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
+        self._is_open = False
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._writer.close()

@@ -18,6 +18,7 @@ from rclpy.utilities import try_shutdown
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.nodes.log_folder import ensure_log_folder
 from robot_dynamics.nodes.processes import running_node
 from robot_dynamics.version import package_version
 
@@ -69,6 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
 def run_demo(picture: str, tracking_picture: str, bag: Path) -> int:
     """Run both parts, and return the exit status. All child processes have ended afterwards."""
     namespace = f"/demo_{os.getpid()}"  # two demos do not interfere
+    ensure_log_folder()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     client = ServiceClient("demo", namespace)
     try:

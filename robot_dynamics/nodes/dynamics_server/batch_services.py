@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
-from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.nodes.codecs.fields import to_float_array
+from robot_dynamics.nodes.codecs.joint_order import match_joints
 from robot_dynamics.nodes.codecs.joint_values import read_positions, read_velocities
 from robot_dynamics.nodes.codecs.platform_messages import platform_rows
-from robot_dynamics.nodes.dynamics_server.point_requests import FlatPointRequest
+from robot_dynamics.nodes.dynamics_server.plain_points import complete_plain_batch, complete_plain_terms
+from robot_dynamics.nodes.dynamics_server.point_requests import FlatPointRequest, read_base
 from robot_dynamics.nodes.dynamics_server.point_solution import solve_points, with_sample_of_request
+from robot_dynamics.nodes.dynamics_server.point_terms import TERMS, compute_terms, term_names, term_rows
 from robot_dynamics.nodes.dynamics_server.point_work import first_range_of
 
 if TYPE_CHECKING:
@@ -22,29 +24,35 @@ if TYPE_CHECKING:
     from robot_dynamics.nodes.dynamics_server.point_solution import PointSolution, ResultField
     from robot_dynamics_interfaces.srv import DirectDynamicsBatch, DynamicsTermsBatch, InverseDynamicsBatch
 
-TERMS = ("inertia_matrix", "coriolis", "gravity", "friction", "elasticity")
-"""Terms of the dynamic model, fields of DynamicsTermsBatch."""
-
 
 def handle_inverse_dynamics_batch(
     request: InverseDynamicsBatch.Request, response: InverseDynamicsBatch.Response, dynamics: Dynamics, namespace: str
-) -> BatchWork:
+) -> BatchWork | None:
     """InverseDynamicsBatch.srv: efforts from accelerations."""
+    if complete_plain_batch(request, response, dynamics, namespace, "effort"):
+        return None
     return BatchWork(request, response, dynamics, namespace, "effort")
 
 
 def handle_direct_dynamics_batch(
     request: DirectDynamicsBatch.Request, response: DirectDynamicsBatch.Response, dynamics: Dynamics, namespace: str
-) -> BatchWork:
+) -> BatchWork | None:
     """DirectDynamicsBatch.srv: accelerations from efforts."""
+    if complete_plain_batch(request, response, dynamics, namespace, "accelerations"):
+        return None
     return BatchWork(request, response, dynamics, namespace, "accelerations")
 
 
 def handle_dynamics_terms_batch(
     request: DynamicsTermsBatch.Request, response: DynamicsTermsBatch.Response, dynamics: Dynamics, namespace: str
-) -> TermsWork:
+) -> TermsWork | None:
     """DynamicsTermsBatch.srv: mass matrices, Coriolis, gravity, friction and elastic forces."""
-    return TermsWork(request, response, dynamics, namespace)
+    terms = _read_term_names(request.terms)
+    if request.count == 1 and not request.base_poses and not request.base_twists:
+        order = match_joints(request.joint_names, dynamics, namespace)
+        if complete_plain_terms(response, order, terms, request.positions, request.velocities):
+            return None
+    return TermsWork(request, response, dynamics, namespace, terms)
 
 
 class ArrayFields:
@@ -144,17 +152,15 @@ class TermsWork:
         response: DynamicsTermsBatch.Response,
         dynamics: Dynamics,
         namespace: str,
+        terms: Sequence[str],
     ) -> None:
         self._request = FlatPointRequest(message, dynamics, namespace)
-        self._terms = _read_term_names(message.terms)
+        self._terms = terms
         self._response = response
         self._dynamics = dynamics
         self._arrays = ArrayFields()
-        order = self._request.order.independent_order
-        moves = dynamics.robot.moving_base
-        self._rows = np.concatenate([np.arange(6), order + 6]) if moves else order  # those of the base come first
-        names = [dynamics.joint_names[row] for row in order]
-        self._names = [*BASE_ROWS, *names] if moves else names
+        self._rows = term_rows(self._request.order)
+        self._names = term_names(self._request.order)
         self.count = self._request.count
         self.first_range = first_range_of(dynamics)
 
@@ -177,28 +183,10 @@ class TermsWork:
         fields = request.fields(rows)
         q = read_positions(fields, request.order)
         qd = read_velocities(fields, request.order, q)
-        base = request.links.read(rows)[dynamics.robot.base_link] if request.links is not None else None
-        for term in self._terms:
-            if term == "inertia_matrix":
-                matrices = dynamics.inertia_matrix(q)
-                self._arrays.add(term, matrices[:, self._rows[:, None], self._rows])
-            elif term == "coriolis":
-                self._add(term, dynamics.coriolis(q, qd, base=base))
-            elif term == "gravity":
-                self._add(term, dynamics.gravity(q, base=base))
-            elif term == "friction":
-                self._add(term, self._with_base_columns(dynamics.friction(qd, q, base=base)))
-            else:
-                self._add(term, self._with_base_columns(dynamics.elasticity(q, qd)))
-
-    def _add(self, term: str, values: Array) -> None:
-        self._arrays.add(term, values[:, self._rows])
-
-    def _with_base_columns(self, values: Array) -> Array:
-        """Return values (k, n) of the joints with zeros in the columns of a moving base."""
-        if not self._dynamics.robot.moving_base:
-            return values
-        return np.concatenate([np.zeros((len(values), 6)), values], axis=-1)
+        base = read_base(request, rows)
+        for term, values in compute_terms(dynamics, self._terms, q, qd, base).items():
+            is_matrix = term == "inertia_matrix"
+            self._arrays.add(term, values[:, self._rows[:, None], self._rows] if is_matrix else values[:, self._rows])
 
 
 def _read_term_names(names: Sequence[str]) -> Sequence[str]:

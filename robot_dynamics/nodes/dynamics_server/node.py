@@ -27,12 +27,14 @@ from robot_dynamics.nodes.dynamics_server.trajectory_services import (
     handle_static_equilibrium,
 )
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.middleware import large_messages
 from robot_dynamics.nodes.parameters import (
     declare_parameters,
     read_parameters,
     try_parameter_change,
     validate_changes,
 )
+from robot_dynamics.nodes.process_memory import keep_free_memory
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
 from robot_dynamics_interfaces.srv import (
@@ -78,7 +80,8 @@ class DynamicsServer(Node):
     def __init__(self, **arguments: Any) -> None:
         super().__init__("dynamics_server", **arguments)
         declare_parameters(self, PARAMETERS)
-        self._max_points: int = read_parameters(self, PARAMETERS)["max_points"]
+        values = read_parameters(self, PARAMETERS)
+        self._max_points: int = values["max_points"]
         self._robot = RobotSource(self)
         self.add_on_set_parameters_callback(self._before_change)
         self.add_post_set_parameters_callback(self._after_change)
@@ -87,7 +90,7 @@ class DynamicsServer(Node):
         self._last_refusal = ""
         self._namespace: str = self.get_namespace()
         self._last_warning: tuple[Dynamics | None, str] = (None, "")  # of the robot that it is of
-        self._turns = RequestTurns(self)
+        self._turns = RequestTurns(self, values["request_timeout"])
         self._service_handles = [
             self._turns.create_service(kind, f"~/{name}", partial(self._respond, name, handle))
             for kind, name, handle in SERVICES
@@ -128,7 +131,9 @@ class DynamicsServer(Node):
         return try_parameter_change(lambda: validate_changes(PARAMETERS, parameters))
 
     def _after_change(self, parameters: Sequence[Parameter]) -> None:
-        self._max_points = validate_changes(PARAMETERS, parameters).get("max_points", self._max_points)
+        changes = validate_changes(PARAMETERS, parameters)
+        self._max_points = changes.get("max_points", self._max_points)
+        self._turns.request_timeout = changes.get("request_timeout", self._turns.request_timeout)
 
     def _report(self, _elapsed: float) -> tuple[Level, str, str, Values]:
         values = {
@@ -142,4 +147,5 @@ class DynamicsServer(Node):
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the node."""
-    run_node(DynamicsServer, arguments, make_events_executor)
+    keep_free_memory()
+    run_node(DynamicsServer, arguments, make_events_executor, large_messages)

@@ -11,4 +11,11 @@ PARAMETERS = by_name(
         "largest number of points in a request; requests with more are refused",
         lower_bound=1,
     ),
+    ParameterSpec(
+        "request_timeout",
+        60.0,
+        "time after which a request that is not complete is refused [s]",
+        lower_bound=0.0,
+        is_bound_excluded=True,
+    ),
 )

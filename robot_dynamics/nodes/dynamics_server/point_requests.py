@@ -22,6 +22,7 @@ from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTermsBatch, In
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.inputs import Base
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.nodes.codecs.base import LinkMotions
     from robot_dynamics.nodes.codecs.flat_points import FlatRequest
@@ -153,6 +154,11 @@ class FlatPointRequest:
     def wrenches(self, rows: slice) -> dict[str, Array]:
         """Return {link name: (k, 6) or (6,)} of external wrenches at a range of points."""
         return wrenches_at(self._wrenches, rows)
+
+
+def read_base(request: PointRequest, rows: slice) -> Base | None:
+    """Return the motion of a moving base at a range of points, None for a fixed base. Raises InvalidInputError."""
+    return None if request.links is None else request.links.read(rows)[request.order.dynamics.robot.base_link]
 
 
 def _has_platform_motion(robot: Robot, entries: Sequence[object]) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.codecs.joint_values import read_accelerations, read_efforts, read_positions, read_velocities
 from robot_dynamics.nodes.codecs.platform_messages import read_platform_motion
+from robot_dynamics.nodes.dynamics_server.point_requests import read_base
 from robot_dynamics.results import JointMotion
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def _solve_joints(
         efforts = read_efforts(fields, order, q)
     else:
         accelerations = read_accelerations(fields, order, q, qd)
-    base = request.links.read(rows)[dynamics.robot.base_link] if request.links is not None else None
+    base = read_base(request, rows)
     wrenches = request.wrenches(rows)
     is_free = base is not None and base.acceleration is None
     has_more_motion = dynamics.robot.loops or dynamics.unactuated_joint_names

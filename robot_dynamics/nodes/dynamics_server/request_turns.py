@@ -9,6 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.nodes.deferred_responses import DeferredResponse, defer_responses
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.qos import SERVICE_QOS
 
@@ -32,24 +34,31 @@ OVERRUN = 1.5
 
 
 @dataclass(eq=False)
-class PendingRequest:
+class PendingRequest(DeferredResponse):
     """A request whose response is not complete.
 
     Attributes
     ----------
     work : its work.
     complete : makes the response of a reason of refusal, empty if the request succeeded.
-    send : sends the response; None until the executor has handed over the header of the request.
     """
 
     work: PointWork
     complete: Callable[[str], Any]
-    send: Callable[[Any], None] | None = None
 
     def __post_init__(self) -> None:
         self._start = 0
         self._size = self.work.first_range
+        self._began = time.monotonic()
         self._shortest = math.inf  # time of a range [s]: nearly that part which does not depend on the number of points
+
+    def require_time_left(self, limit: float) -> None:
+        """Refuse a request that has taken longer than a limit [s]. Raises InvalidInputError."""
+        if time.monotonic() - self._began > limit:
+            raise InvalidInputError(
+                f"{self._start} of {self.work.count} points are complete after {limit:g} s, the limit for a request. "
+                "Send several requests, or raise the parameter request_timeout of this node"
+            )
 
     def advance(self, seconds: float) -> bool:
         """Do about `seconds` of work, one range at least. Return whether the work is done."""
@@ -58,14 +67,14 @@ class PendingRequest:
             started = time.perf_counter()
             stop = min(self.work.count, self._start + self._size)
             self.work.compute(slice(self._start, stop))
+            if stop == self.work.count:
+                self.work.finish()
+                return True
             now = time.perf_counter()
             self._shortest = min(self._shortest, now - started)
             target = max(RANGE_SHARE * seconds, MOST_OVERHEAD * self._shortest)
             self._size = next_range_size(stop - self._start, now - started, target)
             self._start = stop
-            if stop == self.work.count:
-                self.work.finish()
-                return True
             if now - began > seconds / 2:
                 return False
 
@@ -85,10 +94,15 @@ class RequestTurns:
 
     Each new request has its first turn when the executor takes it. Requests that this does not complete follow each
     other in turns of ROUND_TIME, divided among them. The executor runs the callbacks that are due after each turn.
+
+    Parameters
+    ----------
+    request_timeout : [s] after which a request that is not complete is refused; it may be changed later.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, request_timeout: float = math.inf) -> None:
         self._node = node
+        self.request_timeout = request_timeout
         self._pending: deque[PendingRequest] = deque()
 
     def __len__(self) -> int:
@@ -97,17 +111,7 @@ class RequestTurns:
     def create_service(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> Service:
         """Create a service whose callback returns the response, or the PendingRequest that `start` has returned."""
         service = self._node.create_service(kind, name, callback, qos_profile=SERVICE_QOS)
-        send_now = service.send_response
-
-        def send_or_keep(response: Any, header: Any) -> None:
-            if isinstance(response, PendingRequest):
-                response.send = lambda completed: send_now(completed, header)
-                self._keep(response)
-            else:
-                send_now(response, header)
-
-        # executors send what the callback returns by this method
-        service.send_response = send_or_keep  # type: ignore[method-assign]
+        defer_responses(service, self._keep)
         return service
 
     def start(self, work: PointWork, complete: Callable[[str], Any]) -> Any:
@@ -142,6 +146,7 @@ class RequestTurns:
     def _advance(self, request: PendingRequest) -> None:
         reason = ""
         try:
+            request.require_time_left(self.request_timeout)
             is_done = request.advance(self._turn_time())
         except Exception as error:
             is_done = True

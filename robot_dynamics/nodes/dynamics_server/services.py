@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
-from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.nodes.codecs.base import read_base_point
 from robot_dynamics.nodes.codecs.fields import require_empty, to_float_array
 from robot_dynamics.nodes.codecs.geometry import read_pose
 from robot_dynamics.nodes.codecs.joint_order import match_joints
 from robot_dynamics.nodes.codecs.joint_trajectories import PointFields
 from robot_dynamics.nodes.codecs.joint_values import read_positions, read_velocities
+from robot_dynamics.nodes.dynamics_server.plain_points import complete_plain_terms
+from robot_dynamics.nodes.dynamics_server.point_terms import TERMS, compute_terms, term_names, term_rows
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -55,24 +55,19 @@ def handle_dynamics_terms(
     for field in ("accelerations", "effort"):
         require_empty(state, field, "state", "the terms do not depend on it")
     require_empty(request.base, "accelerations", "base", "the terms do not depend on it")
+    if not request.base.transforms and not request.base.velocities:
+        if complete_plain_terms(response, order, TERMS, state.positions, state.velocities):
+            return
     fields = PointFields([state], location="state")
     positions = read_positions(fields, order)
     q = positions[0]
     qd = read_velocities(fields, order, positions)[0]
     base = read_base_point(request.base, dynamics.robot)
-    rows = order.independent_order
-    names = [dynamics.joint_names[row] for row in rows]
-    friction = dynamics.friction(qd, q, base=base)
-    elasticity = dynamics.elasticity(q, qd)
-    if base is not None:  # its six rows come first
-        names = [*BASE_ROWS, *names]
-        rows = np.concatenate([np.arange(6), rows + 6])
-        friction = np.concatenate([np.zeros(6), friction])
-        elasticity = np.concatenate([np.zeros(6), elasticity])
-    response.joint_names = names
-    response.inertia_matrix = to_float_array(dynamics.inertia_matrix(q)[np.ix_(rows, rows)])
-    response.coriolis = to_float_array(dynamics.coriolis(q, qd, base=base)[rows])
-    response.gravity = to_float_array(dynamics.gravity(q, base=base)[rows])
-    response.friction = to_float_array(friction[rows])
-    response.elasticity = to_float_array(elasticity[rows])
+    rows = term_rows(order)
+    terms = compute_terms(dynamics, TERMS, q, qd, base)
+    matrix = terms.pop("inertia_matrix")
+    response.joint_names = term_names(order)
+    response.inertia_matrix = to_float_array(matrix[rows[:, None], rows])
+    for term, values in terms.items():
+        setattr(response, term, to_float_array(values[rows]))
     response.success = True

@@ -13,7 +13,8 @@ from robot_dynamics.nodes.codecs.joint_trajectories import write_points
 from robot_dynamics.nodes.codecs.joint_values import read_positions
 from robot_dynamics.nodes.codecs.platform_messages import read_platform_motion, require_rest, write_platform_points
 from robot_dynamics.nodes.codecs.wrenches import write_reactions
-from robot_dynamics.nodes.dynamics_server.point_requests import TrajectoryRequest
+from robot_dynamics.nodes.dynamics_server.plain_points import complete_plain_trajectory
+from robot_dynamics.nodes.dynamics_server.point_requests import TrajectoryRequest, read_base
 from robot_dynamics.nodes.dynamics_server.point_solution import solve_points, with_sample_of_request
 from robot_dynamics.nodes.dynamics_server.point_work import first_range_of
 
@@ -27,15 +28,19 @@ if TYPE_CHECKING:
 
 def handle_inverse_dynamics(
     request: InverseDynamics.Request, response: InverseDynamics.Response, dynamics: Dynamics, namespace: str
-) -> TrajectoryWork:
+) -> TrajectoryWork | None:
     """InverseDynamics.srv: efforts from accelerations."""
+    if complete_plain_trajectory(request, response, dynamics, namespace, "effort"):
+        return None
     return TrajectoryWork(request, response, dynamics, namespace, "effort")
 
 
 def handle_direct_dynamics(
     request: DirectDynamics.Request, response: DirectDynamics.Response, dynamics: Dynamics, namespace: str
-) -> TrajectoryWork:
+) -> TrajectoryWork | None:
     """DirectDynamics.srv: accelerations from efforts."""
+    if complete_plain_trajectory(request, response, dynamics, namespace, "accelerations"):
+        return None
     return TrajectoryWork(request, response, dynamics, namespace, "accelerations")
 
 
@@ -144,7 +149,7 @@ class EquilibriumWork:
             return dynamics.platform.equilibrium(
                 motion.pose, seed=motion.seed, other_joints=motion.other_joints, external_wrenches=wrenches
             )
-        base = request.links.read(rows)[dynamics.robot.base_link] if request.links is not None else None
+        base = read_base(request, rows)
         return dynamics.equilibrium(read_positions(fields, request.order), base=base, external_wrenches=wrenches)
 
 

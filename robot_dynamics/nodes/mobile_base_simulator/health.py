@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,21 +20,25 @@ class SimulatorStatus:
     Attributes
     ----------
     failure : why nothing is simulated, or why the simulation stopped; empty otherwise.
-    clock_conflict : a second publisher of /clock; empty otherwise.
+    conflicts : with other publishers: of /clock, and of the states.
+    notes : on other publishers that may be no conflict.
     paused_robot : name of the robot of a paused simulation; empty otherwise.
     commands_timed_out : whether efforts were received, and are no longer valid.
     skipped_time : how often simulated time was skipped since the last report.
     refusal : of the last message, if one was refused since the last report; empty otherwise.
-    awaited_topics : names of the topics of the first efforts, while time stands still until they come.
+    awaited_topics : names of the topics of efforts, while time stands still until they come.
+    standstill : how long time has stood still since the last efforts [s of the machine]; inf before the first ones.
     """
 
     failure: str
-    clock_conflict: str
+    conflicts: tuple[str, ...]
+    notes: tuple[str, ...]
     paused_robot: str
     commands_timed_out: bool
     skipped_time: int
     refusal: str
     awaited_topics: tuple[str, ...]
+    standstill: float
 
 
 def simulator_health(robot: RobotSource, status: SimulatorStatus) -> tuple[Level, str]:
@@ -43,10 +48,10 @@ def simulator_health(robot: RobotSource, status: SimulatorStatus) -> tuple[Level
         return ERROR, status.failure
     if level != OK:
         return level, message
-    if status.clock_conflict:
-        return WARN, status.clock_conflict
+    if status.conflicts:
+        return WARN, "; ".join(status.conflicts)
     if status.paused_robot:
-        return OK, f"paused, {status.paused_robot!r}"
+        return OK, "; ".join([f"paused, {status.paused_robot!r}", *status.notes])
     if status.commands_timed_out:
         return WARN, "commands stopped: efforts are zero"
     if status.skipped_time:
@@ -54,5 +59,8 @@ def simulator_health(robot: RobotSource, status: SimulatorStatus) -> tuple[Level
     if status.refusal:
         return WARN, f"refused: {status.refusal}"
     if status.awaited_topics:
-        return WARN, f"time stands still until the first efforts come on {' or '.join(status.awaited_topics)}"
-    return level, message
+        topics = " or ".join(status.awaited_topics)
+        if math.isinf(status.standstill):
+            return WARN, f"time stands still until the first efforts come on {topics}"
+        return WARN, f"time stands still: no efforts came on {topics} for {status.standstill:.0f} s"
+    return level, "; ".join([message, *status.notes])

@@ -26,6 +26,7 @@ from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.mobile_base_simulator.health import SimulatorStatus, simulator_health
 from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs
+from robot_dynamics.nodes.mobile_base_simulator.other_publishers import OtherPublishers
 from robot_dynamics.nodes.mobile_base_simulator.parameters import PARAMETERS
 from robot_dynamics.nodes.mobile_base_simulator.simulation_loop import SimulationLoop
 from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import (
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
         SimulationSetup,
     )
 
+LONG_STANDSTILL = 1.0  # [s] without efforts, after which a simulation that waits for them is a warning
 TICK = 0.001  # [s] between two checks whether steps are due
 
 
@@ -88,6 +90,7 @@ class MobileBaseSimulator(Node):
         self._values = read_parameters(self, PARAMETERS)
         self._robot = RobotSource(self)
         self._clock_monitor = ClockMonitor(self)
+        self._other_publishers = OtherPublishers(self, self._state_topics)
         self._loop = SimulationLoop(self, self._values)
         self._subscribe()
         self._diagnostics = Diagnostics(self, "simulation", self._report)
@@ -230,6 +233,7 @@ class MobileBaseSimulator(Node):
 
     def _report(self, elapsed: float) -> tuple[Level, str, str, Values]:
         self._clock_monitor.check()
+        self._other_publishers.check()
         health = simulator_health(self._robot, self._status())
         loop = self._loop
         step = loop.active.simulation.step if loop.active is not None else 0.0
@@ -246,19 +250,29 @@ class MobileBaseSimulator(Node):
         self._refused = 0
         return *health, self._robot.name, values
 
+    def _state_topics(self) -> Sequence[str]:
+        """Return the names of the topics with the simulated state that are published at present."""
+        active = self._loop.active
+        if active is None:
+            return ()
+        is_moving = active.simulation.base != "fixed" and self._values["odom_rate"]
+        return ("joint_states", "odom") if is_moving else ("joint_states",)
+
     def _status(self) -> SimulatorStatus:
         loop = self._loop
         active = loop.active
-        awaits = self._values["wait_for_commands"] != "never" and active is not None and not active.inputs.has_commands
+        standstill = loop.standstill()
         topics = tuple(map(self.resolve_topic_name, ("~/commands", "~/effort")))
         return SimulatorStatus(
             failure=loop.failure,
-            clock_conflict=self._clock_monitor.conflict,
+            conflicts=(*filter(None, [self._clock_monitor.conflict]), *self._other_publishers.conflicts),
+            notes=tuple(self._other_publishers.notes),
             paused_robot=active.simulation.robot.name if active is not None and loop.is_paused else "",
             commands_timed_out=loop.commands_timed_out,
             skipped_time=loop.skipped_time,
             refusal=self._last_refusal if self._refused else "",
-            awaited_topics=topics if awaits else (),
+            awaited_topics=topics if standstill > LONG_STANDSTILL else (),
+            standstill=standstill,
         )
 
 

@@ -3,9 +3,7 @@
 from robot_dynamics.nodes.parameters import ParameterSpec, by_name
 
 PARAMETERS = by_name(
-    ParameterSpec(
-        "step", 0.001, "integration step [s]", lower_bound=0.0, is_bound_excluded=True, read_at="configuration"
-    ),
+    ParameterSpec("step", 0.001, "integration step [s]", lower_bound=1e-6, upper_bound=1.0, read_at="configuration"),
     ParameterSpec("real_time_factor", 1.0, "simulated seconds per second; 0: as fast as possible", lower_bound=0.0),
     ParameterSpec(
         "publish_clock", True, "publish /clock and stamp messages with simulated time; false: with the time of the node"
@@ -32,7 +30,15 @@ PARAMETERS = by_name(
         read_at="configuration",
     ),
     ParameterSpec("wheels.joints", "", "names of the joints of the wheels", list_kind="names", read_at="configuration"),
-    ParameterSpec("wheels.radii", "", "radii of the wheels [m]", list_kind="numbers", read_at="configuration"),
+    ParameterSpec(
+        "wheels.radii",
+        "",
+        "radii of the wheels [m]",
+        list_kind="numbers",
+        lower_bound=1e-3,
+        upper_bound=1e3,
+        read_at="configuration",
+    ),
     ParameterSpec(
         "wheels.roller_angles",
         "",

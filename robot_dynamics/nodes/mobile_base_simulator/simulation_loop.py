@@ -10,6 +10,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 
+from robot_dynamics.errors import SimulationError
 from robot_dynamics.nodes.codecs.fields import to_nanoseconds, to_time_message
 from robot_dynamics.nodes.diagnostics import DurationStatistics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation import Simulation
 
 MAX_TICK_DURATION = 0.02  # [s] of the machine for the steps of one check: then messages are received again
+MAX_SPEED = 1e9  # [rad/s or m/s] faster than anything: the simulation has diverged
 REPEAT_INTERVAL = 0.05  # [s] of the machine after which the state is published again while time stands still
 
 
@@ -168,6 +170,16 @@ class SimulationLoop:
             return time.monotonic() - self.efforts_received_at < REPEAT_INTERVAL
         return not inputs.has_new_efforts
 
+    def standstill(self) -> float:
+        """Return for how long time has stood still because efforts are missing [s of the machine].
+
+        inf before the first efforts; 0 where time does not wait for efforts, or is paused.
+        """
+        active = self.active
+        if active is None or self.is_paused or not self._is_waiting(active.inputs):
+            return 0.0
+        return time.monotonic() - self.efforts_received_at if active.inputs.has_commands else np.inf
+
     def advance(self, active: ActiveSimulation) -> bool:
         """Make one step, publish the state, and return whether the step was possible."""
         began = time.perf_counter()
@@ -175,6 +187,7 @@ class SimulationLoop:
         active.inputs.expect_efforts()
         try:
             active.simulation.advance(**self._step_inputs(active))
+            _check_speed(active.simulation)
         except Exception as error:
             reason = failure_reason(self._node.get_logger(), error)
             self.failure = f"stopped at {self.now():.6g} s, call ~/reset to restart: {reason}"
@@ -196,3 +209,16 @@ class SimulationLoop:
         if self._values["wait_for_commands"] == "each":
             active.inputs.expect_efforts(to_nanoseconds(stamp))
         self.outputs.publish_state(active.simulation, active.inputs, stamp, lambda: self._step_inputs(active))
+
+
+def _check_speed(simulation: Simulation) -> None:
+    """Raise SimulationError if something moves faster than MAX_SPEED: then its state is not published."""
+    state = simulation.state
+    speeds = np.abs(np.concatenate([state.twist, state.joint_velocities]))
+    fastest = int(np.argmax(speeds))
+    if not speeds[fastest] <= MAX_SPEED:
+        name = "the base" if fastest < 6 else f"joint {simulation.robot.joints[fastest - 6].name!r}"
+        raise SimulationError(
+            f"{name} moves at {speeds[fastest]:.3g} rad/s or m/s, faster than anything real: efforts, masses or "
+            "the step are wrong"
+        )

@@ -51,6 +51,17 @@ def test_program_is_compiled_in_the_background_beyond_the_threshold():
     assert seen == [("program", None)] and compiler.calls == 1
 
 
+def test_start_compiles_in_the_background_whatever_the_threshold():
+    compiler = Compiler()
+    compilation = BackgroundCompilation(compiler, float("inf"), "a program")
+    compilation.record_time(1e6)
+    assert not compilation.is_started
+    compilation.start()
+    compilation.start()
+    assert compilation.is_started and compiler.called.wait(60)
+    assert compilation.get() == "program" and compiler.calls == 1
+
+
 @pytest.mark.parametrize(("error", "level"), [(ValueError("no"), logging.DEBUG), (TypeError("no"), logging.ERROR)])
 def test_errors_in_the_background_are_logged(error, level, caplog, no_background_work):
     compiler = Compiler(error)

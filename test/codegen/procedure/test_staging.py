@@ -210,7 +210,7 @@ def add_in_place(x):
         (assign_entry_of_a_constant, "y is not from `zeros`"),
         (change_shape, "'y' is assigned in a loop or branch: its shape changes from"),
         (change_type, "'count' is assigned in a loop or branch"),
-        (return_early, "cannot contain Return in line"),
+        (return_early, r"cannot contain Return here \(return_early, test_staging.py:\d+\)"),
         (take_truth_value, "no truth value before the procedure runs"),
         (use_else_of_a_loop, "cannot contain `else` of a loop"),
         (add_in_place, "'x' is an array: write x = x \\+ y"),

@@ -248,6 +248,7 @@ def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
         (b"\xff\xfe\x00", "cannot be decoded|not well-formed"),
         (b'<?xml version="1.0" encoding="klingon"?>' + GOOD.encode(), "klingon"),
         (b'<?xml version="1.0" encoding="undefined"?>' + GOOD.encode(), "cannot be decoded"),
+        (b'<?xml version="1.0" encoding="punycode"?>' + GOOD.encode(), "punycode is no character set"),
         ("/dev/zero", "is not a file"),
         ("/", "is not a file"),
         ("a\0b", "cannot be read"),

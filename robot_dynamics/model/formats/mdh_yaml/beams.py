@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.beam import Beam, Flexibility, Material, RigidBody, Section
+from robot_dynamics.model.beam import Beam, BeamGeometry, Flexibility, Material, RigidBody, Section
 from robot_dynamics.model.beam_sections import SECTION_SHAPES
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ class FlexibilityReader:
     def __init__(self) -> None:
         self._beams: dict[int, list[Beam]] = {}
         self._bodies: dict[int, list[RigidBody]] = {}
+        self._geometries: dict[int, BeamGeometry] = {}
 
     def __bool__(self) -> bool:
         """Return whether any link has beams."""
@@ -74,9 +75,10 @@ class FlexibilityReader:
             beam_path = (*path, "beams", number)
             if link == 0:
                 evaluator.document.fail(beam_path, "the base cannot be flexible: put the beam on a row with a joint")
-            beams = self._beams.setdefault(link, [])
-            beams.append(_read_beam(evaluator, beam, beam_path).transformed_by(frame))
-            _construct(evaluator.document, beam_path, partial(Flexibility, tuple(beams)))
+            placed_beam = _read_beam(evaluator, beam, beam_path).transformed_by(frame)
+            geometry = self._geometries.setdefault(link, BeamGeometry())
+            _construct(evaluator.document, beam_path, partial(geometry.add, placed_beam))
+            self._beams.setdefault(link, []).append(placed_beam)
 
     def flexibility_of(self, link: int) -> Flexibility | None:
         """Return the Flexibility of a link by its number, None of a rigid one."""

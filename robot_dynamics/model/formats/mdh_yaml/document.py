@@ -1,7 +1,8 @@
 """The text of a YAML document as plain data, with the line and column of each part.
 
 Stricter than YAML: a key occurs once in a mapping; anchors, aliases and tags are refused; plain scalars are only
-numbers, true, false, null or text: `no` and `on` are names, 010 is ten.
+numbers, true, false, null or text: `no` and `on` are names, 010 is ten. A document that begins with the directive
+`%YAML` must end with the line `...`, so that a file that was cut is refused; `write_mdh_yaml` writes both.
 """
 
 import re
@@ -16,6 +17,8 @@ from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import decode_text
 
 MAX_DOCUMENT_LENGTH = 1024 * 1024  # characters; a humanoid has fifty thousand
+DIRECTIVE = "%YAML"
+DOCUMENT_END = "..."
 MAX_DEPTH = 40  # levels; a description has six
 MAX_NODES = 200_000
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
@@ -55,6 +58,7 @@ class YamlDocument:
     def __init__(self, text: str | bytes, source: object, need: str) -> None:
         self.source = source
         text = decode_text(text, source, need, MAX_DOCUMENT_LENGTH)
+        self._refuse_cut_text(text)
         try:
             self._root = _Composer(text).get_single_node()
         except yaml.MarkedYAMLError as error:
@@ -64,6 +68,15 @@ class YamlDocument:
         if self._root is None:
             raise DescriptionError(f"{source} is empty: {need} is needed")
         self.data: Any = self._to_plain_data(self._root)
+
+    def _refuse_cut_text(self, text: str) -> None:
+        """Raise DescriptionError where a text begins with the directive and has no end."""
+        lines = text.rstrip().splitlines()
+        if lines[0].startswith(DIRECTIVE) and lines[-1].rstrip() != DOCUMENT_END:
+            raise DescriptionError(
+                f"{self.source} breaks off at line {len(lines)}: a document that begins with {DIRECTIVE} ends with the "
+                f"line {DOCUMENT_END}. Write the file again"
+            )
 
     def fail(self, path: YamlPath, message: str) -> NoReturn:
         """Raise DescriptionError with the line and column of the part at a path."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.expression import CONSTANTS, evaluate
+from robot_dynamics.model.formats.expression import CONSTANTS, ExpressionBudget, evaluate
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_matrix
 from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
 from robot_dynamics.model.placement import placement, rotation_from_roll_pitch_yaw
@@ -29,11 +29,16 @@ class YamlEvaluator:
         The document.
     values : mapping of str to float or str
         Numbers or expressions in place of entries of its `parameters`.
+    budget : ExpressionBudget, optional
+        Of other evaluators of the same document.
     """
 
-    def __init__(self, document: YamlDocument, values: Mapping[str, float | str]) -> None:
+    def __init__(
+        self, document: YamlDocument, values: Mapping[str, float | str], budget: ExpressionBudget | None = None
+    ) -> None:
         self.document = document
         self._values = values
+        self._budget = budget or ExpressionBudget()
         self._names = self._evaluate_parameters(document.data.get("parameters", {}), values)
 
     def _evaluate_parameters(self, parameters: YamlMapping, values: Mapping[str, float | str]) -> dict[str, float]:
@@ -44,8 +49,10 @@ class YamlEvaluator:
             if name in CONSTANTS:
                 self.document.fail(("parameters", name), f"{name} is a constant: choose another name")
             try:
-                numbers[name] = evaluate(values.get(name, value), numbers)
+                numbers[name] = self._evaluate_expression(values.get(name, value), numbers)
             except DescriptionError as error:
+                if self._budget.is_spent:
+                    self.document.fail(("parameters", name), str(error))
                 below = [key for key in parameters if key not in numbers and re.search(rf"\b{key}\b", str(value))]
                 hint = f". A parameter may refer only to those above it, not to {', '.join(below)}" if below else ""
                 self.document.fail(("parameters", name), f"{error}{hint}")
@@ -65,7 +72,7 @@ class YamlEvaluator:
             if name not in parameters:
                 unknown = describe_unknown_name("parameter", name, parameters)
                 self.document.fail((*path, name), f"value given for {unknown}")
-        return YamlEvaluator(self.document, {**self._values, **values}) if values else self
+        return YamlEvaluator(self.document, {**self._values, **values}, self._budget) if values else self
 
     def number(self, mapping: YamlMapping, key: str, path: YamlPath, default: float = 0.0) -> float:
         """Return the number under a key of the mapping at a path."""
@@ -114,6 +121,12 @@ class YamlEvaluator:
     def _evaluate(self, value: object, path: YamlPath) -> float:
         """Return the number of an expression at a path."""
         try:
-            return evaluate(value, self._names)
+            return self._evaluate_expression(value, self._names)
         except DescriptionError as error:
             self.document.fail(path, str(error))
+
+    def _evaluate_expression(self, value: object, names: Mapping[str, float]) -> float:
+        """Return the number of an expression. Raises DescriptionError without a place."""
+        if isinstance(value, str):
+            self._budget.spend(value)
+        return evaluate(value, names)

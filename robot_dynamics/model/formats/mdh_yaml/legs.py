@@ -13,6 +13,7 @@ several platforms, each copy names its own, platform: {antecedent: upper, ...}, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from robot_dynamics.errors import describe_unknown_name
@@ -23,6 +24,9 @@ from robot_dynamics.model.formats.mdh_yaml.platforms import list_platforms
 if TYPE_CHECKING:
     from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument, YamlMapping, YamlPath
     from robot_dynamics.model.formats.mdh_yaml.evaluator import YamlEvaluator
+
+MAX_LEG_PARTS = 5000
+"""Rows, beams and loops of all copies of legs; a platform on six legs has forty."""
 
 
 class LegCopy(NamedTuple):
@@ -53,6 +57,7 @@ def expand_legs(evaluator: YamlEvaluator) -> list[LegCopy]:
     platforms = {mapping["link"]: mapping for mapping, _ in list_platforms(document)}
     if legs and not platforms:
         document.fail(("legs",), "platform missing: the link that the legs hold, platform: {link: ..., mass: ...}")
+    _check_part_count(document, legs)
     copies = []
     for number, leg in enumerate(legs):
         path = ("legs", number)
@@ -68,6 +73,20 @@ def expand_legs(evaluator: YamlEvaluator) -> list[LegCopy]:
             platform = _find_platform(document, platforms, copy.get("platform", {}), copy_path)
             copies.append(_expand_copy(evaluator, YamlPart(leg, path), YamlPart(copy, copy_path), suffix, platform))
     return copies
+
+
+def _check_part_count(document: YamlDocument, legs: Sequence[YamlMapping]) -> None:
+    """Raise DescriptionError where a short text describes very many parts, as copies of legs."""
+    total = 0
+    for number, leg in enumerate(legs):
+        rows = leg["joints"]
+        parts = len(rows) + sum(len(row.get("beams", [])) for row in rows) + len(leg.get("loops", []))
+        total += (parts + len(leg.get("ends", [0]))) * len(leg["copies"])
+        if total > MAX_LEG_PARTS:
+            document.fail(
+                ("legs", number, "copies"),
+                f"the copies of the legs up to here have {total} rows, beams and loops: the maximum is {MAX_LEG_PARTS}",
+            )
 
 
 def _find_platform(

@@ -33,7 +33,7 @@ from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.platform import PLATFORM_FRAME
-from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, SharedLoadError, to_gravity_vector
+from robot_dynamics.model.robot import EARTH_GRAVITY, MAX_JOINTS, Frame, Link, Robot, SharedLoadError, to_gravity_vector
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike, ScalarArray
@@ -227,6 +227,8 @@ class _Builder:
 
     def _add_joint(self, joint: Joint, link: str, inertia: Inertia) -> None:
         """Add a joint and the link that it moves."""
+        if len(self._joints) >= MAX_JOINTS:
+            self._document.fail((), f"more than {MAX_JOINTS} moving joints are too many")
         self._joints.append(joint)
         self._links.append(link)
         self._inertias.append(inertia)

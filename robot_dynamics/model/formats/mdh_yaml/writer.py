@@ -14,6 +14,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.cut_joints import cut_joints
 from robot_dynamics.model.formats.expression import format_angle, format_number
 from robot_dynamics.model.formats.mdh_yaml.beam_writer import BeamWriter, bodies_with_own_row, row_inertia
+from robot_dynamics.model.formats.mdh_yaml.document import DOCUMENT_END
 from robot_dynamics.model.inertia import INERTIA_ENTRIES
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.loop import LoopEnd
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Frame, Link, Robot
 
 HEADER = """\
+%YAML 1.2
+---
 # Modified Denavit-Hartenberg parameters (Khalil and Kleinfinger). SI units: m, rad, kg, N m.
 # A frame is placed in that of its antecedent by
 #   Rot(z, gamma) Trans(z, b) Rot(x, alpha) Trans(x, d) Rot(z, theta) Trans(z, r);
@@ -80,7 +83,7 @@ def write_mdh_yaml(robot: Robot) -> str:
     frames = [entries for frame in robot.frames if (entries := _frame(frame, robot))]
     if frames:
         lines += ["\nframes:", *(f"  - {_mapping(frame)}" for frame in frames)]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, DOCUMENT_END]) + "\n"
 
 
 def _check_placements(robot: Robot) -> None:

@@ -5,7 +5,8 @@
     theta = {th1, th2 - pi/2, th3,
              th4, th5, th6}
 
-The entries of the lists remain text; `ParEvaluator` evaluates them.
+The entries of the lists remain text; `ParEvaluator` evaluates them. A text with (* Begin of definition *) must end with
+(* End of definition *), so that a file that was cut is refused; `write_par` writes both.
 """
 
 import re
@@ -37,6 +38,8 @@ _KEY = re.compile(r"\s*([A-Za-z_]\w*)[ \t]*=[ \t]*", re.ASCII)
 _LIST = re.compile(r"\s*\{([^{}=]*)(.?)", re.DOTALL)
 _NAME_COMMENT = re.compile(r"(Joints|Links|Loops|Frames)\s*=\s*(|'.*)", re.DOTALL)
 _NAME = re.compile(r"\s*'([^'\n]*)'(?:\s+(\d{1,9}))?\s*(,|$)", re.ASCII)
+_BEGIN_COMMENT = re.compile(r"\(\*\s*Begin of definition\s*\*\)")
+_END_COMMENT = re.compile(r"\(\*\s*End of definition\s*\*\)\s*\Z")
 _ROBOT_NAME = re.compile(r"Robotname\s*=\s*'([^'\n]*)'")
 
 
@@ -90,6 +93,11 @@ class ParDocument:
         if not isinstance(text, str | bytes):
             raise DescriptionError(f"{source} is {text!r:.60}: the text of a SYMORO+ .par, str or bytes, is needed")
         text = decode_text(text, source, "a SYMORO+ .par", MAX_PAR_LENGTH).replace("\r\n", "\n").replace("\r", "\n")
+        if _BEGIN_COMMENT.search(text) and not _END_COMMENT.search(text):
+            self.fail(
+                text.rstrip().count("\n") + 1,
+                "the text breaks off: a .par with (* Begin of definition *) ends with (* End of definition *)",
+            )
         self._line_ends = [match.start() for match in re.finditer("\n", text)]
         self.robot_name = "robot"
         self.names: dict[str, NameComment] = {}

@@ -8,14 +8,12 @@ from collections.abc import Container, Mapping
 from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
-from robot_dynamics.model.formats.expression import CONSTANTS, MAX_EXPRESSION_LENGTH, evaluate
+from robot_dynamics.model.formats.expression import CONSTANTS, MAX_EXPRESSION_LENGTH, ExpressionBudget, evaluate
 
 if TYPE_CHECKING:
     from robot_dynamics.model.formats.par.document import Entry, ParDocument
 
 PI = {**CONSTANTS, "Pi": math.pi}
-# Characters of expressions, those of a joint variable six times. They take some seconds.
-MAX_EVALUATED_LENGTH = 500_000
 PROBES = (0.3, 1.0, -1.7, 13.1, -41.9)  # values of a joint variable
 
 _TOKEN = re.compile(r"(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[A-Za-z_]\w*\s*\(|([A-Za-z_]\w*)", re.ASCII)
@@ -42,7 +40,7 @@ class ParEvaluator:
         self._document = document
         self.missing: dict[str, int | None] = {}
         self._cache: dict[tuple[str, float], float] = {}
-        self._budget = MAX_EVALUATED_LENGTH
+        self._budget = ExpressionBudget()
         self._values = self._evaluate_values(values)
 
     def _evaluate_values(self, values: Mapping[str, float | str]) -> dict[str, float]:
@@ -97,14 +95,12 @@ class ParEvaluator:
             return self._values[entry.text]
         key = (entry.text, value)
         if key not in self._cache:
-            self._budget -= len(entry.text)
-            if self._budget < 0:
-                self._document.fail(entry.line, "the expressions up to here are too many: write numbers instead")
             bound = {name: self._values[name] for name in self._names(entry) if name != variable}
             names = PI | bound
             if variable is not None:
                 names[variable] = value
             try:
+                self._budget.spend(entry.text)
                 self._cache[key] = evaluate(entry.text, names)
             except DescriptionError as error:
                 self._document.fail(entry.line, str(error))
@@ -145,6 +141,6 @@ class ParEvaluator:
         try:
             return self.evaluate_entry(entry, name, step) - constant
         except DescriptionError:
-            if self._budget < 0:
+            if self._budget.is_spent:
                 raise
             return math.nan

@@ -80,6 +80,7 @@ def write_par(robot: Robot, *, lossy: bool = False) -> str:
     text = "\n".join(
         [
             f"(* Robotname = {_quoted(robot.name)} *)",
+            "(* Begin of definition *)",
             *(f"(* Lost: {sentence} *)" for sentence in (*losses, *find_harmless_losses(robot))),
             *_header(robot, table),
             *_names(robot, table),

@@ -1,0 +1,100 @@
+"""Fuzzing: a short campaign against each target that needs no node, and what the campaign itself notices.
+
+`make fuzz SECONDS=...` runs long campaigns, also against real nodes. The corpus is run first: inputs that were finds
+once stay there.
+"""
+
+import os
+import signal
+
+import pytest
+from fuzzing import campaign
+from fuzzing.campaign import Outcome, read_corpus, run_campaign
+from fuzzing.line_coverage import LineCoverage
+from fuzzing.targets import CORPUS, make_target
+
+from robot_dynamics import load_robot
+from robot_dynamics.model.formats import decoding
+
+# inputs of a short run: as many as take a few seconds
+INPUTS = {"descriptions": int(os.environ.get("MUTATIONS", "400")), "recordings": 40, "requests": 40}
+pytestmark = pytest.mark.slow
+
+
+@pytest.mark.parametrize("name", INPUTS)
+def test_short_campaign_finds_nothing(name, tmp_path):
+    if name == "recordings":
+        pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
+    if name == "requests":
+        pytest.importorskip("rclpy", reason="ROS is not installed")
+    seeds = read_corpus(CORPUS / name)
+    summary = run_campaign(make_target(name), seeds, tmp_path, inputs=len(seeds) + INPUTS[name], seed=0)
+    print(summary.text())
+    reasons = [file.read_text() for file in sorted((tmp_path / "finds").glob("*.txt"))]
+    assert summary.finds == [], reasons[:3]
+    assert summary.inputs == len(seeds) + INPUTS[name] and summary.lines > 500
+    assert summary.kinds["compared"] > 0 and summary.kinds["refused"] > 0
+
+
+class FaultyTarget:
+    """Does what the first byte says, after a sound input."""
+
+    name = "faulty"
+
+    def prepare(self):
+        pass
+
+    def mutate(self, data, rng, corpus):
+        return b"sound"
+
+    def run(self, data):
+        match data[:1]:
+            case b"c":
+                os.kill(os.getpid(), signal.SIGSEGV)
+            case b"h":
+                while True:
+                    pass
+            case b"w":
+                signal.pause()
+            case b"m":
+                bytearray(campaign.MEMORY * 2)[:] = b"x" * (campaign.MEMORY * 2)
+            case b"e":
+                raise KeyError("name")
+        return Outcome("accepted")
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"crash", "crash: SIGSEGV"),
+        (b"hang", "hang: more than 0.4 s of CPU time for 4 bytes"),
+        (b"wait", "hang: more than 2 s"),
+        (b"memory", "memory: "),
+        (b"error", "KeyError at test_campaign.py:run"),
+    ],
+)
+def test_faults_are_finds_and_the_campaign_goes_on(data, what, tmp_path, monkeypatch):
+    monkeypatch.setattr(campaign, "CPU_PER_KILOBYTE", 0.2 if data == b"hang" else 10.0)
+    monkeypatch.setattr(campaign, "CPU_FACTOR_TRACED", 1.0)
+    monkeypatch.setattr(campaign, "WALL_TIME", 2.0 if data == b"wait" else 100.0)
+    monkeypatch.setattr(campaign, "MEMORY", 200_000_000)
+    summary = run_campaign(FaultyTarget(), [b"sound", data], tmp_path, inputs=20)
+    assert len(summary.finds) == 1 and what in summary.finds[0], summary.finds
+    (saved,) = (file for file in (tmp_path / "finds").iterdir() if file.suffix != ".txt")
+    assert saved.read_bytes() == data
+    assert summary.kinds["accepted"] >= 15
+
+
+def test_inputs_that_reach_new_lines_are_noticed():
+    coverage = LineCoverage([decoding.__file__])
+    counts = []
+    for text in (b'<robot name="a"><link name="b"/></robot>',) * 2 + ("\ufeffrobot: x".encode("utf-16"),):
+        coverage.start()
+        try:
+            load_robot(text)
+        except Exception:
+            pass
+        finally:
+            coverage.stop()
+        counts.append(coverage.count)
+    assert 0 < counts[0] == counts[1] < counts[2]
