@@ -26,10 +26,11 @@ def verb_modules() -> tuple[ModuleType, ...]:
             robots,
             schema,
             show,
+            view,
         )
     except ModuleNotFoundError as error:
         raise missing_package_error(error, "robot-dynamics") from error
-    return show, convert, generate, count, map, frequencies, replay_check, identify, excite, robots, schema
+    return show, view, convert, generate, count, map, frequencies, replay_check, identify, excite, robots, schema
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,7 +1,6 @@
 """`robot-dynamics replay-check`: its output, files and exit status."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from robot_dynamics.model.loading import shipped_robots
 from robot_dynamics.recordings.bags import Bag
 
 MOTION = panda_motion(duration=12.0)
-CHROMIUM = "/usr/bin/chromium"
 
 
 def faulty():
@@ -196,17 +194,6 @@ def test_golden_bag_contains_the_predictions_and_detects_changes(tmp_path, capsy
     ):  # fmt: skip
         assert run(bag, "--robot", "panda", *arguments) == 1
         assert expected in capsys.readouterr().err
-
-
-@pytest.fixture(scope="module")
-def browser():
-    if not Path(CHROMIUM).exists():
-        pytest.skip(f"no {CHROMIUM}: apt install chromium")
-    api = pytest.importorskip("playwright.sync_api", reason="playwright, which opens reports, is not installed")
-    with api.sync_playwright() as playwright:
-        launched = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield launched
-        launched.close()
 
 
 @pytest.mark.slow

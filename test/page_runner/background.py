@@ -1,4 +1,4 @@
-"""Nodes that a page starts: they run in the background until the page ends, or a node of the same name starts."""
+"""Nodes and viewers that a page starts: they run in the background until the page ends, or one of that name starts."""
 
 import os
 import re
@@ -16,7 +16,16 @@ READY = {
     "replay_check": "serving Robot|no robot yet",
     "computed_torque": "controls |no robot yet",
     "mobile_base_simulator": "simulates |no robot yet",
+    "robot-dynamics view": "is at http://",
 }
+
+
+def background_program(command_words: list[str]) -> str | None:
+    """The program of a command that runs until it is ended, as in READY; None for a command that ends by itself."""
+    program, *arguments = command_words
+    if program == "robot-dynamics" and arguments[:1] == ["view"] and "--output" not in arguments:
+        program = "robot-dynamics view"
+    return program if program in READY and "--help" not in arguments else None
 
 
 class BackgroundNodes:
@@ -29,7 +38,9 @@ class BackgroundNodes:
 
     def start(self, command: str) -> str:
         """Start a node by its command line, wait until it is ready, and return what it logged until then."""
-        executable = program_words(command)[0]
+        program = background_program(program_words(command))
+        assert program is not None, f"{command!r} ends by itself"
+        executable = program.partition(" ")[0]
         name = full_name(program_words(command))
         if name in self._processes:
             self._end(name)
@@ -41,7 +52,7 @@ class BackgroundNodes:
                 stdin=subprocess.DEVNULL, stdout=stream, stderr=stream, start_new_session=True,
             )  # fmt: skip
         try:
-            _wait_until_ready(command, executable, process, log)
+            _wait_until_ready(command, program, process, log)
         except BaseException:
             terminate_process(process)
             raise
@@ -66,8 +77,8 @@ class BackgroundNodes:
         assert not failures, "\n".join(failures)
 
 
-def _wait_until_ready(command: str, executable: str, process: subprocess.Popen[bytes], log: Path) -> None:
-    ready = READY["dynamics_server" if "autostart:=false" in command else executable]
+def _wait_until_ready(command: str, program: str, process: subprocess.Popen[bytes], log: Path) -> None:
+    ready = READY["dynamics_server" if "autostart:=false" in command else program]
     deadline = time.monotonic() + START_TIME
     while not re.search(ready, _text(log)):
         assert process.poll() is None, f"{command!r} ended with status {process.returncode}:\n{_text(log)}"

@@ -11,7 +11,7 @@ import yaml
 from sybil import Example
 
 from page_runner import elsewhere
-from page_runner.background import READY
+from page_runner.background import READY, background_program
 from page_runner.blocks import ALIASES, Block, PageError
 from page_runner.command_lines import program_words, split_commands
 from page_runner.output import difference
@@ -86,7 +86,7 @@ def run_one(page: Page, command: str, expected_output: str | None) -> str:
     if elsewhere.entry_for(command) is not None:
         return ""
     program, *arguments = program_words(command)
-    if program in READY and "--help" not in arguments:
+    if background_program([program, *arguments]) is not None:
         return page.nodes.start(command)
     if program == "ros2":
         from page_runner.ros_commands import RefusalError

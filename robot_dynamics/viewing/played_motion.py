@@ -1,0 +1,127 @@
+"""Motions that are played: of a recording or a trajectory, or one that moves each joint through its range."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.recordings.drives import direct_drives
+from robot_dynamics.recordings.recording import open_recording
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.viewing.configuration import Configuration
+
+SWEEP_SECONDS = 3.0
+"""Duration of the motion of one joint through its range."""
+MAX_SWEPT_JOINTS = 12
+"""The joints of a robot with more of them move all at once."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlayedMotion:
+    """A motion of all joints, to be played.
+
+    Attributes
+    ----------
+    times : (N,) [s], ascending, from zero.
+    positions : (N, all joints) [rad or m], with loops closed.
+    efforts : (N, n) efforts of the model at the independent joints [N m or N]; nan where the model has none.
+    measured_efforts : (N, n) measured efforts [N m or N]; nan where not measured.
+    """
+
+    times: Array
+    positions: Array
+    efforts: Array
+    measured_efforts: Array
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample [s]."""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> Array:
+        """Return the positions (all joints,) of the sample nearest to a time [s]."""
+        after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1)) if len(self.times) > 1 else 0
+        is_before = after > 0 and time - self.times[after - 1] < self.times[after] - time
+        positions: Array = self.positions[after - 1 if is_before else after]
+        return positions
+
+
+def recorded_motion(dynamics: Dynamics, path: Path, rate: float = 50.0) -> PlayedMotion:
+    """Read the motion of a bag or CSV file: filtered, with the efforts of the model beside the measured ones.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        Model of the robot.
+    path : Path
+        Bag, or CSV file with the columns time, <joint>.position and optionally <joint>.velocity and <joint>.effort.
+    rate : float
+        Samples per second that are read. Default: 50.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read, or has not the signals of all independent joints.
+    SingularModelError
+        The loops do not close at the recorded positions.
+    """
+    recording = open_recording(path, direct_drives(dynamics.joint_names))
+    pieces = list(recording.motions(rate=rate))
+    times = np.concatenate([piece.times for piece in pieces])
+    q = np.concatenate([dynamics.expand_trajectory(piece.q) for piece in pieces])
+    efforts = np.concatenate([_model_efforts(dynamics, piece.q, piece.qd, piece.qdd) for piece in pieces])
+    measured = np.concatenate([np.where(piece.has_efforts, piece.efforts, np.nan) for piece in pieces])
+    return PlayedMotion(times - times[0], q, efforts, measured)
+
+
+def _model_efforts(dynamics: Dynamics, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the efforts (N, n) of the model, nan where it has none."""
+    try:
+        return dynamics.inverse(dynamics.expand_trajectory(q), qd, np.where(np.isfinite(qdd), qdd, 0.0))
+    except RobotDynamicsError:
+        return np.full(q.shape, np.nan)
+
+
+def sweep_joints(configuration: Configuration, extent: float, rate: float = 24.0) -> PlayedMotion:
+    """Return a motion of each independent joint to its upper limit, to its lower limit, and back, one after the other.
+
+    A joint turns round where the loops do not close farther. Many joints move all at once.
+
+    Parameters
+    ----------
+    configuration : Configuration
+        Where the motion begins and ends; it is moved and put back.
+    extent : float
+        Extent of the robot [m]: the range of prismatic joints without limits.
+    rate : float
+        Samples per second.
+    """
+    start = configuration.q
+    robot = configuration.robot
+    columns = [n for n, index in enumerate(configuration.independent) if robot.joints[index].mimic is None]
+    groups = [[column] for column in columns] if len(columns) <= MAX_SWEPT_JOINTS else [columns]
+    phases = np.linspace(0.0, 2 * np.pi, int(SWEEP_SECONDS * rate), endpoint=False)
+    samples = [start]
+    for group in groups:
+        configuration.q = start
+        home = configuration.independent_positions
+        ends = [configuration.joint_range(configuration.independent[column], extent) for column in group]
+        for sine in np.sin(phases):
+            target = home.copy()
+            for column, (lower, upper) in zip(group, ends, strict=True):
+                target[column] += sine * (upper - home[column] if sine > 0 else home[column] - lower)
+            configuration.move_joints(target)
+            samples.append(configuration.q)
+    configuration.q = start
+    configuration.problem = ""
+    samples.append(start)
+    nothing = np.full((len(samples), len(configuration.independent)), np.nan)
+    return PlayedMotion(np.arange(len(samples)) / rate, np.array(samples), nothing, nothing)

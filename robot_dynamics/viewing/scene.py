@@ -1,0 +1,102 @@
+"""A robot in a viser scene: a node for each link, and below it the shapes that move with the link."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.model.placement import to_scipy_rotation
+from robot_dynamics.viewing.body import SINGULAR_COLOUR
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from viser import FrameHandle, MeshHandle, SceneApi
+
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.viewing.body import Body
+
+SMOOTH_ANGLE = 0.7
+"""Angle between faces [rad] up to which an edge is shaded as round."""
+
+
+class RobotScene:
+    """The shapes of a robot in a scene.
+
+    Parameters
+    ----------
+    scene : viser.SceneApi
+    robot : Robot
+    bodies : iterable of Body
+    root : str
+        Name of the node that carries the robot. Default: ``"/robot"``.
+    opacity : float, optional
+        Of the shapes, 0 to 1. Default: opaque.
+
+    Attributes
+    ----------
+    link_frames : dict of int to viser.FrameHandle
+        The node of each link that has shapes, by number of the link.
+    meshes : list of tuple of Body and viser.MeshHandle
+        Shapes and their nodes.
+    """
+
+    def __init__(
+        self,
+        scene: SceneApi,
+        robot: Robot,
+        bodies: Iterable[Body],
+        root: str = "/robot",
+        opacity: float | None = None,
+    ) -> None:
+        self.robot = robot
+        self.root = root
+        self.link_frames: dict[int, FrameHandle] = {}
+        self.meshes: list[tuple[Body, MeshHandle]] = []
+        self._is_singular = False
+        scene.add_frame(root, show_axes=False)
+        for number, body in enumerate(bodies):
+            if body.link not in self.link_frames:
+                self.link_frames[body.link] = scene.add_frame(self.link_node(body.link), show_axes=False)
+            surface = body.mesh.smooth_shaded if len(body.mesh.faces) < 2000 else body.mesh
+            handle = scene.add_mesh_simple(
+                f"{self.link_node(body.link)}/{number}_{node_name(body.name)}",
+                np.asarray(surface.vertices, dtype=np.float32),
+                np.asarray(surface.faces, dtype=np.uint32),
+                color=body.colour,
+                opacity=opacity,
+                side="double",
+            )
+            self.meshes.append((body, handle))
+
+    def link_node(self, number: int) -> str:
+        """Return the name of the node that moves with a link."""
+        return f"{self.root}/{number}_{node_name(self.robot.links[number].name)}"
+
+    def move(self, link_poses: Array) -> None:
+        """Move the links to poses (links, 4, 4) [m]."""
+        numbers = list(self.link_frames)
+        quaternions = to_scipy_rotation(link_poses[numbers, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
+        for number, quaternion in zip(numbers, quaternions, strict=True):
+            frame = self.link_frames[number]
+            position = link_poses[number, :3, 3]
+            if np.array_equal(frame.position, position) and np.array_equal(frame.wxyz, quaternion):
+                continue  # it has not moved, and need not be sent
+            frame.wxyz = quaternion
+            frame.position = position
+
+    def mark_singular(self, is_singular: bool) -> None:
+        """Draw all shapes in red, or in their own colours."""
+        if is_singular == self._is_singular:
+            return
+        self._is_singular = is_singular
+        for body, handle in self.meshes:
+            handle.color = SINGULAR_COLOUR if is_singular else body.colour
+
+
+def node_name(name: str) -> str:
+    """Return a name as part of the name of a node: letters, digits, and underscores for all else."""
+    return re.sub(r"[^\w.-]", "_", name)[:80]

@@ -1,0 +1,73 @@
+"""The page that shows a robot and moves it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robot_dynamics.viewing.motion_panel import MotionPanel
+from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
+from robot_dynamics.viewing.panels import JointPanel, OverlayPanel, PlatformPanel, StatusPanel, WrenchPanel
+from robot_dynamics.viewing.robot_view import RobotView
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.viewing.played_motion import PlayedMotion
+
+PORT = 8080
+
+
+class Viewer:
+    """Serves the page of a robot until it is closed.
+
+    Parameters
+    ----------
+    robot : Robot
+    port : int
+        TCP port; the next free one if it is taken. Default: 8080.
+    host : str
+        Address to listen on. Default: this machine alone. The page has no password.
+    motion : PlayedMotion, optional
+        A motion to play.
+
+    Attributes
+    ----------
+    view : RobotView
+        The robot in the page.
+
+    Raises
+    ------
+    MissingPackageError
+        viser is not installed.
+    """
+
+    def __init__(self, robot: Robot, port: int = PORT, host: str = HOST, motion: PlayedMotion | None = None) -> None:
+        self.server = make_server(robot.name, port, host)
+        try:
+            self.view = RobotView(self.server, robot)
+        except BaseException:
+            stop_server(self.server)
+            raise
+        frame_camera(self.server, self.view)
+        gui = self.server.gui
+        self.panels = [StatusPanel(gui, self.view)]
+        self.platform_panels = [
+            PlatformPanel(gui, self.view, link, platform.free)
+            for link, platform in zip(robot.platform_links, robot.platforms, strict=True)
+        ]
+        self.joint_panel = JointPanel(gui, self.view)
+        self._motion_panel = None if motion is None else MotionPanel(gui, self.view, motion)
+        OverlayPanel(gui, self.view)
+        WrenchPanel(gui, self.view)
+        self.view.draw_efforts()
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+
+    def close(self) -> None:
+        """Stop serving."""
+        if self._motion_panel is not None:
+            self._motion_panel.close()
+        self.view.close()
+        stop_server(self.server)

@@ -1,0 +1,52 @@
+"""The verb `view`: writes a page, or serves one until it is ended."""
+
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+
+from robot_dynamics.cli.main import main
+
+pytest.importorskip("viser")
+
+
+def test_page_replaces_the_file_as_a_whole(tmp_path, capsys):
+    file = tmp_path / "robot.html"
+    file.write_text("before")
+    assert main(["view", "four_bar", "--output", str(file)]) == 0
+    text = file.read_text()
+    assert text.lower().startswith("<!doctype html>") and "<title>four_bar</title>" in text
+    assert capsys.readouterr().out == ""  # no banner
+
+
+def test_wrong_arguments_are_refused_and_write_nothing(tmp_path, capsys):
+    missing = str(tmp_path / "no.csv")
+    for arguments, reason in (
+        (["--output", "robot.txt"], "must end with .html"),
+        (["--port", "0"], "--port 0: a number from 1 to 65535"),
+        (["--output", str(tmp_path / "robot.html"), "--motion", missing], "does not exist"),
+    ):
+        assert main(["view", "four_bar", *arguments]) == 1
+        assert reason in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_page_is_served_on_this_machine_until_an_interruption(ending):
+    command = [sys.executable, "-m", "robot_dynamics", "view", "four_bar", "--port", "8571"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        line = process.stdout.readline()
+        url = re.search(r"http://127\.0\.0\.1:\d+", line)[0]
+        with urllib.request.urlopen(url, timeout=10) as page:
+            assert page.status == 200
+        process.send_signal(ending)
+        _, errors = process.communicate(timeout=30)
+    finally:
+        process.kill()
+        process.wait()
+    assert (process.returncode, errors) == (0, "")
