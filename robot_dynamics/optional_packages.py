@@ -9,6 +9,7 @@ from robot_dynamics.errors import MissingPackageError
 INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "backports": ("backports.zstd", None, "bags"),
     "clarabel": ("clarabel", None, "identify"),
+    "collada": ("pycollada", "python3-collada", "view"),
     "distributed": ("dask[distributed]", None, "fleet"),
     "jsonschema": ("jsonschema", "python3-jsonschema", None),
     "lark": ("lark", "python3-lark", None),
@@ -23,6 +24,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "scipy": ("scipy", "python3-scipy", None),
     "tabulate": ("tabulate", "python3-tabulate", None),
     "tqdm": ("tqdm", "python3-tqdm", None),
+    "trimesh": ("trimesh", None, "view"),
     "yaml": ("pyyaml", "python3-yaml", None),
     "yourdfpy": ("yourdfpy", None, None),
 }

@@ -1,0 +1,1 @@
+"""Robots as pictures in three dimensions: in the browser, and as pages that open without a network."""
