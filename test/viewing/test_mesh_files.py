@@ -103,11 +103,16 @@ def test_workspace_built_with_symlinks(package, monkeypatch, tmp_path):
     installed = tmp_path / "install" / "share" / "arm" / "meshes"
     installed.mkdir(parents=True)
     (installed / "part.obj").symlink_to(package / "meshes" / "part.obj")
-    (installed / "other.obj").symlink_to(tmp_path / "secret.obj")
+    (installed / "secret.obj").symlink_to(tmp_path / "secret.obj")
+    (tmp_path / "src" / "hand").mkdir()
+    (tmp_path / "src" / "hand" / "package.xml").write_text("<package><name>hand</name></package>")
+    (tmp_path / "src" / "hand" / "part.obj").write_text(TRIANGLE)
+    (installed / "hand.obj").symlink_to(tmp_path / "src" / "hand" / "part.obj")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
     assert resolve_mesh(mesh("package://arm/meshes/part.obj")) == (package / "meshes" / "part.obj").resolve()
-    with pytest.raises(InvalidInputError, match="is not inside package 'arm'"):
-        resolve_mesh(mesh("package://arm/meshes/other.obj"))
+    for name in ("secret", "hand"):
+        with pytest.raises(InvalidInputError, match="is not inside package 'arm'"):
+            resolve_mesh(mesh(f"package://arm/meshes/{name}.obj"))
 
 
 HOSTILE = {

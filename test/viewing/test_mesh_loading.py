@@ -122,6 +122,11 @@ def test_instances_of_collada_are_parts(tmp_path):
     np.testing.assert_allclose(mesh.bounds[1, 0], 6)
 
 
+def test_geometry_whose_texture_is_missing_is_kept(tmp_path):
+    libraries = TEXTURE[TEXTURE.index("<library_effects>") :]
+    assert len(load_mesh(write(tmp_path, "a.dae", dae(BOUND, libraries))).faces) == 1
+
+
 OPENED = {
     "texture of .dae": (".dae", lambda path: dae(BOUND, TEXTURE.format(path))),
     "relative texture of .dae": (".dae", lambda path: dae(BOUND, TEXTURE.format("./secret.png"))),
@@ -172,16 +177,18 @@ LAUGHS = (
     + "".join(f'<!ENTITY a{k + 1} "&a{k};&a{k};&a{k};&a{k};&a{k};&a{k};&a{k};&a{k};&a{k};&a{k};">' for k in range(9))
     + "]>"
 )
+NODE_60 = NODE.replace('id="n"', 'id="n60"')
 DOUBLED = "".join(
     f'<node id="n{k}"><instance_node url="#n{k + 1}"/><instance_node url="#n{k + 1}"/></node>' for k in range(60)
 )
+DOUBLED = f"<library_nodes>{DOUBLED}{NODE_60}</library_nodes>"
 HOSTILE = {
     "entity": (".dae", dae(NODE.replace('"n"', '"&e;"'), doctype=ENTITY.format("/etc/passwd"))),
     "entity in UTF-16": (".dae", dae(NODE, doctype=ENTITY.format("/etc/passwd"), encoding="utf-16")),
     "laughs": (".dae", dae(f'<node id="n" name="&a9;">{NODE}</node>', doctype=LAUGHS)),
     "document type of another file": (".dae", dae(doctype='<!DOCTYPE a SYSTEM "http://127.0.0.1:9/a.dtd">')),
     "nodes without end": (".dae", dae('<node id="n"><instance_node url="#n"/></node>')),
-    "nodes doubled sixty times": (".dae", dae(DOUBLED + NODE.replace('"n"', '"n60"'))),
+    "nodes doubled sixty times": (".dae", dae('<node><instance_node url="#n0"/></node>', DOUBLED)),
     "nested nodes": (".dae", dae("<node>" * 1500 + NODE + "</node>" * 1500)),
     "polygon of a billion corners": (".dae", dae(primitive=POLYLIST.format(10**9))),
     "negative polygon": (".dae", dae(primitive=POLYLIST.format("-5 8"))),
