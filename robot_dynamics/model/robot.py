@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.platform import Platform
+    from robot_dynamics.model.visual import Visual
 
 logger = logging.getLogger(__name__)
 
@@ -126,6 +127,8 @@ class Robot:
         Sentences about the text of the description. Default: none.
     payload_warnings : tuple of str
         Sentences about payloads that no physical body is. Default: none.
+    visuals : tuple of Visual
+        Shapes that a viewer draws. No model and no fingerprint of a program depends on them. Default: none.
 
     Raises
     ------
@@ -147,6 +150,7 @@ class Robot:
     platforms: tuple[Platform, ...] = ()
     reader_warnings: tuple[str, ...] = ()
     payload_warnings: tuple[str, ...] = ()
+    visuals: tuple[Visual, ...] = field(default=(), metadata={"in_fingerprint": False})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", to_gravity_vector(self.gravity))
@@ -187,7 +191,7 @@ class Robot:
             raise DescriptionError(f"link {link.name!r} has no frame: every link needs a frame of its name")
 
     def _check_frames(self) -> None:
-        """Raise DescriptionError where a frame is on no link, or on another link than that of its name."""
+        """Raise DescriptionError where a frame is on no link or not on that of its name, or a visual on no frame."""
         for frame in self.frames:
             if not 0 <= frame.link < len(self.links):
                 raise DescriptionError(f"frame {frame.name!r} is on link {frame.link}, of 0 to {len(self.links) - 1}")
@@ -195,6 +199,9 @@ class Robot:
         for number, link in enumerate(self.links):
             if self.frames_by_name[link.name].link != number:
                 raise DescriptionError(f"frame {link.name!r} is not on the link of its name")
+        for visual in self.visuals:
+            if visual.frame not in self.frames_by_name:
+                raise DescriptionError(f"a visual is on frame {visual.frame!r}, which the robot does not have")
 
     def _check_load_friction(self) -> None:
         """Raise SharedLoadError where a joint in a loop, or one that mimic joints follow, has load friction."""

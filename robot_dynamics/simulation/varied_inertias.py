@@ -27,7 +27,7 @@ VARIED_MODELS = ("direct", "state_derivative", "inertia_matrix")
 ENTRIES = 10
 """Entries of an inertia: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ."""
 
-TEXT_FIELDS = ("name", "reader_warnings", "payload_warnings")
+FIELDS_WITHOUT_EFFECT = ("name", "reader_warnings", "payload_warnings", "visuals")
 """Fields of a Robot without effect on its motion."""
 
 
@@ -124,7 +124,7 @@ def _entries(inertia: Inertia) -> list[float]:
 def _differ_in_inertias_alone(first: Robot, second: Robot) -> bool:
     if first is second:
         return True
-    shared = [field.name for field in fields(first) if field.name not in (*TEXT_FIELDS, "links")]
+    shared = [field.name for field in fields(first) if field.name not in (*FIELDS_WITHOUT_EFFECT, "links")]
     if len(first.links) == len(second.links) and all(
         _is_same(getattr(first, name), getattr(second, name)) for name in shared
     ):
@@ -144,6 +144,6 @@ def _is_same(a: object, b: object) -> bool:
 def _without_inertias(robot: Robot) -> list[object]:
     """All of a robot that has an effect on its motion, but for inertias."""
     values: list[object] = [
-        getattr(robot, field.name) for field in fields(robot) if field.name not in (*TEXT_FIELDS, "links")
+        getattr(robot, field.name) for field in fields(robot) if field.name not in (*FIELDS_WITHOUT_EFFECT, "links")
     ]
     return [*values, [replace(link, name="", inertia=Inertia()) for link in robot.links]]

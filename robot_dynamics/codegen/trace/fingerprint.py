@@ -2,7 +2,8 @@
 
 These are all numbers and names of the robot, the options of the model, and the source of the recursions, of the trace
 and of the code emitters. Values that no program reads, such as limits, count as well: a list of the values that matter
-could become wrong, and would then load the program of another robot.
+could become wrong, and would then load the program of another robot. A field of a dataclass whose metadata have
+`in_fingerprint: False` does not count: what a viewer draws.
 """
 
 import os
@@ -119,4 +120,4 @@ def _piece(kind: bytes, content: bytes) -> Iterable[bytes]:
 
 @cache
 def _field_names(kind: type) -> tuple[str, ...]:
-    return tuple(field.name for field in fields(kind))
+    return tuple(field.name for field in fields(kind) if field.metadata.get("in_fingerprint", True))

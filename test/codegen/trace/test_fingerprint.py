@@ -20,6 +20,7 @@ from robot_dynamics.codegen.trace import fingerprint as module
 from robot_dynamics.codegen.trace.fingerprint import fingerprint, source_digest
 from robot_dynamics.codegen.trace.scalar import Trace
 from robot_dynamics.model.joint import Mimic, Spring
+from robot_dynamics.model.visual import MeshShape, Visual
 
 PACKAGE = module.PACKAGE
 
@@ -37,10 +38,11 @@ ROBOT = robot_with_everything()
 
 
 def value_paths(thing, path=()):
-    """The paths to all values in a robot: names of fields, positions in tuples, indices of arrays."""
+    """The paths to all values in a robot but what is drawn: names of fields, positions in tuples, indices of arrays."""
     if is_dataclass(thing):
         for field in fields(thing):
-            yield from value_paths(getattr(thing, field.name), (*path, field.name))
+            if field.name != "visuals":
+                yield from value_paths(getattr(thing, field.name), (*path, field.name))
     elif isinstance(thing, tuple):
         yield path
         for position, item in enumerate(thing):
@@ -104,6 +106,12 @@ def test_fingerprint_changes_with_options():
 
 def test_fingerprint_changes_with_payload():
     assert fingerprint(ROBOT.with_payload("panda_link8", Inertia(1e-9))) != fingerprint(ROBOT)
+
+
+def test_fingerprint_does_not_depend_on_what_is_drawn():
+    shape = MeshShape("package://panda/hand.stl", np.ones(3), Path("/nowhere"))
+    drawn = replace(ROBOT, visuals=(Visual("panda_link8", np.eye(4), shape, (1.0, 0.0, 0.0, 1.0)),))
+    assert fingerprint(drawn) == fingerprint(ROBOT) is not None
 
 
 @pytest.mark.slow

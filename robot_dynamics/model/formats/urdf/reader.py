@@ -14,6 +14,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.urdf.document import LineWarnings, parse_urdf_text, remove_unused_elements
 from robot_dynamics.model.formats.urdf.ignored_content import check_ignored_content
 from robot_dynamics.model.formats.urdf.validation import check_urdf, warn_of_suspicious_numbers
+from robot_dynamics.model.formats.urdf.visuals import read_visuals
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import UNLIMITED, Joint, Limits, Mimic
 from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
@@ -34,14 +35,16 @@ def read_urdf(
 ) -> Robot:
     """Read a robot from the text of a URDF.
 
-    Joint variables keep URDF's sign and zero. Meshes are never loaded.
+    Joint variables keep URDF's sign and zero. Meshes are never loaded. A visual that cannot be read is left out with a
+    warning, one of `Robot.warnings`.
 
     Parameters
     ----------
     text : str or bytes
         The URDF, or the bytes of its file.
     source : str or Path
-        Name of the description in error messages.
+        Name of the description in error messages; the Path of its file, if it has one: relative names of meshes begin
+        in its folder.
     moving_base : bool, optional
         Whether the base can move freely. Default: True where a joint of type floating connects the root link to
         another link. That link is then the base, whose pose in the world is free; with a fixed base it stands at the
@@ -65,6 +68,7 @@ def read_urdf(
     root = parse_urdf_text(text, source, warnings)
     check_ignored_content(root, source, warnings)
     links_with_shapes = _links_with_shapes(root)
+    visuals = read_visuals(root, source.absolute().parent if isinstance(source, Path) else None, warnings)
     remove_unused_elements(root, "robot")
     check_urdf(root, source)
     warn_of_suspicious_numbers(root, warnings)
@@ -77,7 +81,9 @@ def read_urdf(
     robot = _Builder(document.robot, source, links_with_shapes).build(
         moving_base, EARTH_GRAVITY if gravity is None else gravity
     )
-    return replace(robot, reader_warnings=warnings.sentences)
+    # the link above a floating joint is no part of a robot with a moving base
+    visuals = [visual for visual in visuals if visual.frame in robot.frames_by_name]
+    return replace(robot, reader_warnings=warnings.sentences, visuals=tuple(visuals))
 
 
 def _links_with_shapes(root: Element) -> frozenset[str]:

@@ -8,28 +8,30 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.urdf.visual_writer import add_visual, list_numbers, list_texts
+from robot_dynamics.model.formats.urdf.written_numbers import insert_origin, write_number, write_vector
 from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
-from robot_dynamics.model.mdh import ROUNDING, clean_angle
 from robot_dynamics.model.mdh_table import make_unique_name
-from robot_dynamics.model.placement import invert_placement, roll_pitch_yaw
+from robot_dynamics.model.placement import invert_placement
 from robot_dynamics.model.robot import EARTH_GRAVITY
 from robot_dynamics.model.vector_product import skew
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.model.formats.urdf.document import Element
     from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.joint import Joint, Limits
     from robot_dynamics.model.robot import Frame, Robot
+    from robot_dynamics.model.visual import Visual
 
 ON_AXIS_TOLERANCE = 1e-12  # relative distance from an axis at which an origin counts as on it
 MAX_CENTRE_OF_MASS_DISTANCE = 1e3  # [m] beyond this the inertia about the centre of mass has too few digits
@@ -41,7 +43,8 @@ def write_urdf(robot: Robot, *, lossy: bool = False) -> str:
     """Return the text of a URDF that describes a robot, exact to rounding.
 
     Every named frame becomes a link. A moving base is connected by a floating joint to an additional link `world`.
-    Joints are in the order of `robot.joints`. Where URDF requires a limit, an infinite one becomes UNLIMITED.
+    Joints are in the order of `robot.joints`. Where URDF requires a limit, an infinite one becomes UNLIMITED. The names
+    of mesh files stay as they are, so relative ones need the same folder.
 
     Parameters
     ----------
@@ -92,6 +95,10 @@ def _check_names(robot: Robot) -> None:
             raise DescriptionError(f"{kind} {name!r}: a text is needed as its name")
         if match := UNWRITABLE.search(name):
             raise DescriptionError(f"{kind} {name!r}: XML has no character {match.group()!r}. Change the name")
+    for visual in robot.visuals:
+        for text in list_texts(visual):
+            if match := UNWRITABLE.search(text):
+                raise DescriptionError(f"visual of link {visual.frame!r}: XML has no character {match.group()!r}")
 
 
 def _check_numbers(robot: Robot) -> None:
@@ -105,7 +112,7 @@ def _check_numbers(robot: Robot) -> None:
 
 
 def _numbers_of(robot: Robot) -> Iterator[tuple[str, tuple[object, ...]]]:
-    """Yield (owner, all its numbers) of joints, links and frames, without infinite limits."""
+    """Yield (owner, all its numbers) of joints, links, frames and visuals, without infinite limits."""
     for joint in robot.joints:
         limits = [limit for limit in vars(joint.limits).values() if not _is_infinite(limit)]
         spring = joint.spring or Spring(0.0)
@@ -118,6 +125,8 @@ def _numbers_of(robot: Robot) -> Iterator[tuple[str, tuple[object, ...]]]:
         yield f"link {link.name!r}", (link.inertia.mass, link.inertia.first_moments, link.inertia.second_moments)
     for frame in robot.frames:
         yield f"frame {frame.name!r}", (frame.placement,)
+    for visual in robot.visuals:
+        yield f"visual of link {visual.frame!r}", list_numbers(visual)
 
 
 def _is_infinite(limit: float) -> bool:
@@ -153,7 +162,7 @@ def find_losses(robot: Robot) -> list[str]:
     for link in robot.links:
         if _centre_of_mass(link.inertia) is None:
             moments, mass = link.inertia.first_moments.tolist(), link.inertia.mass
-            losses.append(f"link {link.name!r}: first moments {moments} kg m of a mass of {_number(mass)} kg")
+            losses.append(f"link {link.name!r}: first moments {moments} kg m of a mass of {write_number(mass)} kg")
     return losses
 
 
@@ -163,20 +172,20 @@ def _joint_losses(joint: Joint) -> list[str]:
     inertia_unit, stiffness_unit, position_unit, damping_unit = units
     losses = []
     if joint.rotor_inertia:
-        losses.append(f"rotor inertia {_number(joint.rotor_inertia)} {inertia_unit}")
+        losses.append(f"rotor inertia {write_number(joint.rotor_inertia)} {inertia_unit}")
     losses += _friction_losses(joint, damping_unit)
     if joint.spring is not None:
         losses.append(
-            f"spring of stiffness {_number(joint.spring.stiffness)} {stiffness_unit}, "
-            f"rest {_number(joint.spring.rest)} {position_unit} and "
-            f"damping {_number(joint.spring.damping)} {damping_unit}"
+            f"spring of stiffness {write_number(joint.spring.stiffness)} {stiffness_unit}, "
+            f"rest {write_number(joint.spring.rest)} {position_unit} and "
+            f"damping {write_number(joint.spring.damping)} {damping_unit}"
         )
     if not joint.actuated:
         losses.append(f"role {joint.role}")
     if joint.brake:
         losses.append("brake")
     if joint.initial_position:
-        losses.append(f"initial position {_number(joint.initial_position)} {position_unit}")
+        losses.append(f"initial position {write_number(joint.initial_position)} {position_unit}")
     return losses
 
 
@@ -185,16 +194,16 @@ def _friction_losses(joint: Joint, viscous_unit: str) -> list[str]:
     dry_unit, velocity_unit = ("N", "m/s") if joint.prismatic else ("N m", "rad/s")
     losses = []
     if joint.viscous_asymmetry:
-        losses.append(f"asymmetry of viscous friction {_number(joint.viscous_asymmetry)} {viscous_unit}")
+        losses.append(f"asymmetry of viscous friction {write_number(joint.viscous_asymmetry)} {viscous_unit}")
     if joint.coulomb_asymmetry:
-        losses.append(f"asymmetry of Coulomb friction {_number(joint.coulomb_asymmetry)} {dry_unit}")
+        losses.append(f"asymmetry of Coulomb friction {write_number(joint.coulomb_asymmetry)} {dry_unit}")
     if joint.stribeck_friction:
         losses.append(
-            f"Stribeck friction {_number(joint.stribeck_friction)} {dry_unit} at "
-            f"{_number(joint.stribeck_velocity)} {velocity_unit}"
+            f"Stribeck friction {write_number(joint.stribeck_friction)} {dry_unit} at "
+            f"{write_number(joint.stribeck_velocity)} {velocity_unit}"
         )
     if joint.load_friction:
-        losses.append(f"load-dependent friction {_number(joint.load_friction)}")
+        losses.append(f"load-dependent friction {write_number(joint.load_friction)}")
     return losses
 
 
@@ -230,6 +239,9 @@ class _Writer:
         self._frames_on_link: list[list[Frame]] = [[] for _ in robot.links]
         for frame in robot.frames:
             self._frames_on_link[frame.link].append(frame)
+        self._visuals_on_frame: dict[str, list[Visual]] = {}
+        for visual in robot.visuals:
+            self._visuals_on_frame.setdefault(visual.frame, []).append(visual)
 
     def write(self) -> Element:
         """Return the element <robot>."""
@@ -238,15 +250,22 @@ class _Writer:
         for number, link in enumerate(self._robot.links):
             name, placement = self._moved_link(number)
             self._moved.append((name, placement))
-            _add_inertial(self._add_link(name), link.inertia, placement)
+            element = self._add_link(name)
+            _add_inertial(element, link.inertia, placement, self._has_explicit_inertial(number))
+            self._add_visuals(element, name)
             if number:
                 self._add_moving_joint(number)
             for frame in self._frames_on_link[number]:
                 if frame.name != name:
-                    self._add_link(frame.name)
+                    self._add_visuals(self._add_link(frame.name), frame.name)
                     joint = self._add_joint(self._unique_name(f"{frame.name}_fixed"), "fixed", name, frame.name)
                     self._add_origin(joint, invert_placement(placement), frame.placement)
         return self._root
+
+    def _has_explicit_inertial(self, number: int) -> bool:
+        """Return whether a link without mass needs an <inertial>: it is drawn, and its inertia is not missing."""
+        is_drawn = any(frame.name in self._visuals_on_frame for frame in self._frames_on_link[number])
+        return is_drawn and not self._robot.links[number].lacks_inertial
 
     def _unique_name(self, name: str) -> str:
         """Return a name that is not taken, and take it."""
@@ -292,25 +311,27 @@ class _Writer:
         kind = "prismatic" if joint.prismatic else "continuous" if is_unbounded else "revolute"
         element = self._add_joint(joint.name, kind, parent, child)
         self._add_origin(element, invert_placement(parent_placement), joint.placement, child_placement)
-        etree.SubElement(element, "axis", xyz=_numbers(child_placement[2, :3], 1.0))  # z_j in the frame of the child
+        etree.SubElement(
+            element, "axis", xyz=write_vector(child_placement[2, :3], 1.0)
+        )  # z_j in the frame of the child
         _add_limit(element, kind, joint.limits)
         friction = {"damping": joint.viscous_friction, "friction": joint.coulomb_friction}
         if any(friction.values()):
-            etree.SubElement(element, "dynamics", {key: _number(value) for key, value in friction.items() if value})
+            etree.SubElement(
+                element, "dynamics", {key: write_number(value) for key, value in friction.items() if value}
+            )
         if joint.mimic is not None:
-            multiplier, offset = _number(joint.mimic.multiplier), _number(joint.mimic.offset)
+            multiplier, offset = write_number(joint.mimic.multiplier), write_number(joint.mimic.offset)
             etree.SubElement(element, "mimic", joint=joint.mimic.joint, multiplier=multiplier, offset=offset)
 
     def _add_origin(self, element: Element, *chain: ScalarArray) -> None:
         """Insert <origin> at the product of placements (4, 4) as the first child, unless that is the identity."""
-        product: Array = reduce(np.matmul, chain)
-        xyz = _numbers(product[:3, 3], self._size)
-        # without rounding errors roll is zero where pitch is a right angle
-        roll, pitch, yaw = roll_pitch_yaw(np.where(np.abs(product[:3, :3]) <= ROUNDING, 0.0, product[:3, :3]))
-        angles = [clean_angle(angle) for angle in (roll, pitch, yaw)]
-        rpy = _numbers([math.pi if angle == -math.pi else angle for angle in angles], 1.0)
-        if (xyz, rpy) != ("0 0 0", "0 0 0"):
-            element.insert(0, etree.Element("origin", xyz=xyz, rpy=rpy))
+        insert_origin(element, reduce(np.matmul, chain), self._size)
+
+    def _add_visuals(self, element: Element, frame: str) -> None:
+        """Add the visuals of a named frame to its URDF link, which stands at that frame."""
+        for visual in self._visuals_on_frame.get(frame, ()):
+            add_visual(element, visual)
 
 
 def _reach(*placements: ScalarArray) -> float:
@@ -325,12 +346,15 @@ def _add_limit(element: Element, kind: str, limits: Limits) -> None:
     if kind == "continuous" and all(map(math.isinf, values.values())):
         return
     finite = {key: math.copysign(UNLIMITED, value) if math.isinf(value) else value for key, value in values.items()}
-    etree.SubElement(element, "limit", {key: _number(value) for key, value in finite.items()})
+    etree.SubElement(element, "limit", {key: write_number(value) for key, value in finite.items()})
 
 
-def _add_inertial(element: Element, inertia: Inertia, placement: ScalarArray) -> None:
-    """Add <inertial> of an Inertia about frame j to the URDF link that stands at `placement`, jT (4, 4)."""
-    if not inertia.mass and not np.any(inertia.second_moments):
+def _add_inertial(element: Element, inertia: Inertia, placement: ScalarArray, is_explicit: bool) -> None:
+    """Add <inertial> of an Inertia about frame j to the URDF link that stands at `placement`, jT (4, 4).
+
+    is_explicit: whether zeros are written too.
+    """
+    if not inertia.mass and not np.any(inertia.second_moments) and not is_explicit:
         return
     centre = _centre_of_mass(inertia)
     if centre is None:
@@ -341,22 +365,8 @@ def _add_inertial(element: Element, inertia: Inertia, placement: ScalarArray) ->
     central = R.T @ (inertia.second_moments + steiner) @ R
     inertial = etree.SubElement(element, "inertial")
     size = min(1.0, np.abs([*centre, *P]).max())
-    etree.SubElement(inertial, "origin", xyz=_numbers(R.T @ (centre - P), size), rpy="0 0 0")
-    etree.SubElement(inertial, "mass", value=_number(inertia.mass))
+    etree.SubElement(inertial, "origin", xyz=write_vector(R.T @ (centre - P), size), rpy="0 0 0")
+    etree.SubElement(inertial, "mass", value=write_number(inertia.mass))
     rounding = np.finfo(float).eps * max(np.abs(inertia.second_moments).max(), np.abs(steiner).max())
     entries = {f"i{'xyz'[i]}{'xyz'[j]}": (central[i, j] + central[j, i]) / 2 for i in range(3) for j in range(i, 3)}
-    etree.SubElement(inertial, "inertia", {key: _number(value, rounding) for key, value in entries.items()})
-
-
-def _numbers(values: Sequence[float] | ScalarArray, size: float = 0.0) -> str:
-    """Return a vector as URDF writes it; size: magnitude of the numbers from which it was computed."""
-    return " ".join(_number(value, ROUNDING * size) for value in values)
-
-
-def _number(value: Any, rounding: float = 0.0) -> str:
-    """Return the digits of a number that read back as it, or fewer digits that differ by at most `rounding`."""
-    number = float(value)
-    short = 0.0 if abs(number) <= rounding else float(f"{number:.12g}")
-    if abs(number - short) <= rounding:
-        number = short
-    return repr(number).removesuffix(".0")
+    etree.SubElement(inertial, "inertia", {key: write_number(value, rounding) for key, value in entries.items()})

@@ -1,0 +1,191 @@
+"""Paths of mesh files. A description may name only files of its own folder and of packages.
+
+The author of a description may be unknown. No name in it may lead a viewer to any other file: an absolute path, `..`, a
+link of the file system, or a package that is really a whole disk. A file is refused before it is opened.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from robot_dynamics.model.visual import MeshShape
+
+MESH_SUFFIXES = (".dae", ".glb", ".obj", ".ply", ".stl")
+MAX_MESH_BYTES = 200 * 1024 * 1024
+"""Largest file that is read; the largest real ones have 30 MB."""
+
+MAX_NAME_LENGTH = 1000  # characters of the name of a mesh
+PACKAGE_FILE = "package.xml"
+PACKAGE_NAME = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
+
+
+def resolve_mesh(shape: MeshShape, packages: Mapping[str, Path] | None = None) -> Path:
+    """Return the path of the file of a mesh.
+
+    Parameters
+    ----------
+    shape : MeshShape
+        The mesh. Its file is `package://NAME/path`, `file:///path`, or a path that begins in the folder of the
+        description.
+    packages : mapping of str to Path, optional
+        Folders of packages by name. Further packages are found in the folders of AMENT_PREFIX_PATH and
+        ROS_PACKAGE_PATH, and around the description: folders from its own up to that of its package, and all above it
+        with a `package.xml`. Default: none.
+
+    Returns
+    -------
+    Path
+        An existing regular file, without symbolic links. It is inside the named package; without a package, inside the
+        folder of the description, inside its package or a known one.
+
+    Raises
+    ------
+    InvalidInputError
+        If there is no such file, or if it is not allowed. The message says why.
+    """
+    file, packages = shape.file, packages or {}
+    if "\0" in file or len(file) > MAX_NAME_LENGTH:
+        raise _refusal(file, "that is not the name of a file")
+    if Path(file).suffix.lower() not in MESH_SUFFIXES:
+        raise _refusal(file, f"known are files {', '.join(MESH_SUFFIXES)}")
+    scheme, separator, path = file.partition("://")
+    if not separator:
+        scheme, path = "file", file
+    if scheme not in ("package", "file"):
+        raise _refusal(file, f"{scheme}:// is not read, only package://, file:// and paths")
+    folder = None if shape.folder is None else shape.folder.absolute()
+    try:
+        if scheme == "package":
+            return _resolve_in_package(path, folder, packages)
+        return _resolve_path(Path(path), folder, packages)
+    except _RefusedError as error:
+        raise _refusal(file, str(error)) from None
+    except (OSError, ValueError, RuntimeError):  # such as a loop of links
+        raise _refusal(file, "its path cannot be resolved") from None
+
+
+class _RefusedError(Exception):
+    """A file is refused; the message says why."""
+
+
+def _refusal(file: str, reason: str) -> InvalidInputError:
+    """Return the error for a file."""
+    return InvalidInputError(f"mesh {file[:200]!r} is not read: {reason}")
+
+
+def _resolve_in_package(path: str, folder: Path | None, packages: Mapping[str, Path]) -> Path:
+    """Return the file that package://`path` means; of several packages with the name the first that has it."""
+    name, _, inner = path.lstrip("/").partition("/")
+    if not PACKAGE_NAME.fullmatch(name):
+        raise _RefusedError(f"{name[:60]!r} is not the name of a package")
+    roots = list(_package_folders(name, folder, packages))
+    if not roots:
+        raise _RefusedError(f"no package {name!r} is known. Give its folder, or source its workspace")
+    paths = [_resolve_inside(root / inner.lstrip("/"), [root], name) for root in roots]
+    existing = [path for path in paths if path is not None and path.exists()]
+    if not existing and None in paths:
+        raise _RefusedError(f"it is not inside package {name!r}")
+    return _check_file(existing[0] if existing else None)
+
+
+def _resolve_path(path: Path, folder: Path | None, packages: Mapping[str, Path]) -> Path:
+    """Return the file of a path without a package, whose relative form begins in the folder of the description."""
+    if folder is None and not path.is_absolute():
+        raise _RefusedError("the path is relative, but the description is a text that has no folder")
+    target = path if folder is None else folder / path
+    roots = list(packages.values())
+    if folder is not None:
+        roots += [folder, *_enclosing_package(folder)[-1:]]
+    for share in _share_folders():
+        if share in target.parents:
+            package = share / target.relative_to(share).parts[0]
+            roots += [package] if (package / PACKAGE_FILE).is_file() else []
+    resolved = _resolve_inside(target, roots, None)
+    if resolved is None:
+        raise _RefusedError("it is outside the folder of the description and of its package")
+    return _check_file(resolved)
+
+
+def _resolve_inside(path: Path, roots: list[Path], package: str | None) -> Path | None:
+    """Return a path without symbolic links, None unless it is then inside one of the roots.
+
+    package: name of an installed package whose files may be links to its own source.
+    """
+    resolved = path.resolve()
+    if any(resolved.is_relative_to(root.resolve()) for root in roots):
+        return resolved
+    if package is not None and any(share / package in roots for share in _share_folders()):
+        return resolved if _source_package(resolved) == package else None
+    return None
+
+
+def _package_folders(name: str, folder: Path | None, packages: Mapping[str, Path]) -> Iterator[Path]:
+    """Yield the existing folders of a package: those that the caller gives, installed ones, and around the description.
+
+    folder: absolute folder of the description.
+    """
+    if name in packages:
+        yield Path(packages[name]).absolute()
+        return
+    candidates = [share / name for share in _share_folders()]
+    candidates += [path for path in _path_variable("ROS_PACKAGE_PATH") if path.name == name]
+    if folder is not None:
+        candidates += [path for path in _enclosing_package(folder) if path.name == name]
+        candidates += [path for path in folder.parents if path.name == name and (path / PACKAGE_FILE).is_file()]
+    for path in dict.fromkeys(candidates):
+        if path.is_dir():
+            yield path
+
+
+def _enclosing_package(folder: Path) -> list[Path]:
+    """Return the folders from that of the description up to the next one with package.xml; without one, itself only."""
+    passed = []
+    for path in (folder, *folder.parents):
+        passed.append(path)
+        if (path / PACKAGE_FILE).is_file():
+            return passed
+    return [folder]
+
+
+def _share_folders() -> list[Path]:
+    """Return the folders in which ROS searches packages."""
+    shares = [prefix / "share" for prefix in _path_variable("AMENT_PREFIX_PATH")]
+    return shares + _path_variable("ROS_PACKAGE_PATH")
+
+
+def _path_variable(name: str) -> list[Path]:
+    """Return the absolute folders of an environment variable."""
+    return [Path(entry) for entry in os.environ.get(name, "").split(os.pathsep) if os.path.isabs(entry)]
+
+
+def _source_package(path: Path) -> str | None:
+    """Return the name of the package in whose source a file is, None where it is in none."""
+    root = next((parent for parent in path.parents if (parent / PACKAGE_FILE).is_file()), None)
+    if root is None:
+        return None
+    with (root / PACKAGE_FILE).open("rb") as file:
+        match = re.search(rb"<name>\s*([\w.-]+)\s*</name>", file.read(100_000))
+    return match.group(1).decode() if match else None
+
+
+def _check_file(path: Path | None) -> Path:
+    """Return an allowed path if it is a file to read. Raises _RefusedError otherwise."""
+    if path is None or not path.exists():
+        raise _RefusedError("there is no such file")
+    if path.suffix.lower() not in MESH_SUFFIXES:  # of the file behind a link
+        raise _RefusedError(f"known are files {', '.join(MESH_SUFFIXES)}")
+    status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise _RefusedError("it is not a regular file")
+    if status.st_size > MAX_MESH_BYTES:
+        raise _RefusedError(f"it has {status.st_size} bytes, more than {MAX_MESH_BYTES}")
+    return path
