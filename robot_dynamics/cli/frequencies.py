@@ -76,7 +76,7 @@ def run(arguments: Namespace) -> None:
     title = f"Natural frequencies of {dynamics.robot.name!r}, {len(natural.frequencies)} in all"
     print_table(["mode", "Hz", "moves most"], rows, title)
     if arguments.mode is not None:
-        draw_mode(arguments, dynamics.robot.name, elastodynamics, q, natural)
+        draw_mode(arguments, elastodynamics, q, natural)
 
 
 def dominant_coordinate(natural: NaturalFrequencies, k: int) -> str:
@@ -139,19 +139,15 @@ def draw_map(arguments: Namespace, dynamics: Dynamics) -> None:
         print_table(["mode", "least Hz", "greatest Hz"], rows, f"Natural frequencies of {dynamics.robot.name!r}")
 
 
-def draw_mode(
-    arguments: Namespace, name: str, elastodynamics: Elastodynamics, q: Array, natural: NaturalFrequencies
-) -> None:
+def draw_mode(arguments: Namespace, elastodynamics: Elastodynamics, q: Array, natural: NaturalFrequencies) -> None:
     """Draw a mode of a robot at joint positions q (all joints,) into an HTML file."""
-    from robot_dynamics.cli import frequency_plots
+    from robot_dynamics.viewing.page import mode_page  # here, because viewing packages are slow to import
 
     if not 1 <= arguments.mode <= len(natural.frequencies):
         raise InvalidInputError(f"--mode {arguments.mode}: the robot has modes 1 to {len(natural.frequencies)}")
     path = _output_path(arguments, "mode.html", MODE_ENDINGS)
-    positions, displacements = elastodynamics.node_positions(q, natural.mode_shapes[arguments.mode - 1])
     title = f"mode {arguments.mode}, {natural.frequencies[arguments.mode - 1]:.4g} Hz"
-    html = frequency_plots.mode_html(name, title, positions, displacements, elastodynamics.segments)
-    write_text(path, html)
+    write_text(path, mode_page(elastodynamics, q, title, natural.mode_shapes[arguments.mode - 1]))
     print(f"{path}: {title}")
 
 

@@ -1,14 +1,12 @@
-"""Drawings of natural frequencies: maps and animated modes as self-contained HTML files, maps as PNG files."""
+"""Drawings of natural frequencies: maps as self-contained HTML files and as PNG files."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from html import escape
 from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
@@ -17,13 +15,7 @@ from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
     from robot_dynamics.flexible.frequency_map import FrequencyMap
-
-FRAMES = 24  # of the animation of a mode
-DEFLECTION = 0.12  # largest displacement in the drawing of a mode, relative to the size of the robot
-MODE_COLOUR = "#1f6fb4"
-REST_COLOUR = "#c0c4c8"
 
 
 def import_plotly() -> ModuleType:
@@ -85,54 +77,6 @@ def save_map_png(name: str, frequencies: FrequencyMap, path: str | Path) -> None
             axes.set_aspect("equal")
     figure.suptitle(f"Natural frequencies of {plain_label(name)}")
     figure.savefig(path, dpi=110)
-
-
-def mode_html(
-    name: str, title: str, positions: Array, displacements: Array, segments: Iterable[tuple[int, int]]
-) -> str:
-    """Draw a mode as an animation in HTML.
-
-    positions: (nodes, 3) [m] at rest; displacements: (nodes, 3) of the mode, to any scale; segments: pairs of nodes.
-    """
-    go = import_plotly()
-    size = np.ptp(positions, axis=0).max()
-    largest = np.abs(displacements).max()
-    displacements = displacements * (DEFLECTION * size / largest if largest > 0 else 0.0)
-    indices = np.array([[start, end, -1] for start, end in segments]).ravel()  # -1: a gap between two segments
-
-    def draw_line(phase: float, colour: str, width: int) -> Any:
-        points = np.vstack([positions + phase * displacements, np.full(3, np.nan)])[indices]
-        x, y, z = (values.round(6) for values in points.T)
-        return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, hoverinfo="skip")
-
-    lines = [draw_line(float(np.sin(2 * np.pi * k / FRAMES)), MODE_COLOUR, 6) for k in range(FRAMES)]
-    figure = go.Figure(
-        data=[draw_line(0.0, REST_COLOUR, 3), lines[FRAMES // 4]],
-        frames=[go.Frame(data=[line], traces=[1], name=str(k)) for k, line in enumerate(lines)],
-    )
-    margin = 1.2 * DEFLECTION * size
-    lower = positions.min(axis=0) - margin
-    upper = positions.max(axis=0) + margin
-    axes = {f"{axis}axis": {"range": [lower[k], upper[k]], "title": f"{axis} [m]"} for k, axis in enumerate("xyz")}
-    figure.update_layout(
-        title=f"{escape(name)}: {escape(title)}",
-        showlegend=False,
-        template="plotly_white",
-        width=900,
-        height=760,
-        scene={**axes, "aspectmode": "data"},
-        updatemenus=[{"type": "buttons", "buttons": _animation_buttons()}],
-    )
-    return _page(figure, f"{name}: {title}")
-
-
-def _animation_buttons() -> list[dict[str, object]]:
-    play = {"frame": {"duration": 50, "redraw": True}, "mode": "immediate", "fromcurrent": True}
-    pause = {"frame": {"duration": 0}, "mode": "immediate"}
-    return [
-        {"label": "play", "method": "animate", "args": [None, play]},
-        {"label": "pause", "method": "animate", "args": [[None], pause]},
-    ]
 
 
 def _axis_label(coordinate: str) -> str:

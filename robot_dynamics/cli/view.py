@@ -11,7 +11,9 @@ bones and joint symbols. The page is served on this machine alone, until Ctrl-C.
 from __future__ import annotations
 
 import signal
+import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -34,6 +36,14 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--motion", metavar="FILE", help="bag or CSV file with the positions of the joints, which the page plays"
     )
     parser.add_argument(
+        "--package",
+        metavar="NAME=FOLDER",
+        action="append",
+        default=[],
+        help="folder of a package with mesh files; repeat for several (default: packages of the ROS environment, and "
+        "the package around the description)",
+    )
+    parser.add_argument(
         "--port", type=int, default=DEFAULT_PORT, help="TCP port, or the next free one (default: %(default)s)"
     )
 
@@ -53,15 +63,36 @@ def run(arguments: Namespace) -> None:
     from robot_dynamics.viewing.viewer import Viewer
 
     motion = None if arguments.motion is None else recorded_motion(Dynamics(robot), Path(arguments.motion))
+    packages = parse_packages(arguments.package)
     if arguments.output is not None:
-        write_text(arguments.output, robot_page(robot, motion))
+        page, warnings = robot_page(robot, motion, packages)
+        print_warnings(arguments.robot, warnings)
+        write_text(arguments.output, page)
         return
-    viewer = Viewer(robot, port=arguments.port, motion=motion)
+    viewer = Viewer(robot, port=arguments.port, motion=motion, packages=packages)
     try:
+        print_warnings(arguments.robot, viewer.view.warnings)
         print(f"{robot.name} is at {viewer.url} until Ctrl-C", flush=True)
         _wait_for_end()
     finally:
         viewer.close()
+
+
+def parse_packages(settings: Iterable[str]) -> dict[str, Path]:
+    """Return the folders of packages by name, from NAME=FOLDER. Raises InvalidInputError."""
+    packages = {}
+    for setting in settings:
+        name, equals, folder = setting.partition("=")
+        if not equals or not name or not Path(folder).is_dir():
+            raise InvalidInputError(f"--package {setting}: NAME=FOLDER is needed, with a folder that exists")
+        packages[name] = Path(folder)
+    return packages
+
+
+def print_warnings(robot: str, warnings: Iterable[str]) -> None:
+    """Print what is not drawn to stderr."""
+    for warning in warnings:
+        print(f"WARNING: {robot}: {warning}", file=sys.stderr)
 
 
 def _wait_for_end() -> None:

@@ -75,6 +75,8 @@ class Elastodynamics:
 
     Attributes
     ----------
+    robot : Robot
+        The robot.
     coordinates : tuple of str
         Names of the g generalized coordinates, as in `NaturalFrequencies`.
     structure : Structure
@@ -95,10 +97,10 @@ class Elastodynamics:
 
     def __init__(self, dynamics: RobotGeometry, held: Iterable[str] | None = None, planar: bool = False) -> None:
         self._dynamics = dynamics
-        self._robot = dynamics.robot
-        self.structure = build_structure(self._robot, held, planar)
+        self.robot = dynamics.robot
+        self.structure = build_structure(self.robot, held, planar)
         self.coordinates: tuple[str, ...] = self.structure.coordinates
-        self._program = MatricesProgram(self.structure, self._robot)
+        self._program = MatricesProgram(self.structure, self.robot)
 
     @property
     def operations(self) -> OperationCount:
@@ -174,7 +176,7 @@ class Elastodynamics:
             return matrices
         if positions.ndim > 1:
             raise InvalidInputError("independent coordinates differ from pose to pose: give one pose at a time")
-        return constrained_matrices_by_qr(self.structure, self._robot, positions)
+        return constrained_matrices_by_qr(self.structure, self.robot, positions)
 
     def frequencies(
         self,
@@ -258,7 +260,7 @@ class Elastodynamics:
         positions, displacements : ndarray, shape (nodes, 3)
             [m], in frame 0.
         """
-        placements = link_placements(self._robot, q)
+        placements = link_placements(self.robot, q)
         kinematics = compute_node_kinematics(self.structure, q)
         positions = []
         displacements = []
@@ -283,7 +285,7 @@ class Elastodynamics:
             M, K, J, independent = self._program.compiled_matrices(q)
             return Matrices(M, K, independent, J)
         start = time.perf_counter()
-        matrices = constrained_matrices(self.structure, self._robot, q)
+        matrices = constrained_matrices(self.structure, self.robot, q)
         self._program.record_duration(time.perf_counter() - start)
         return matrices
 
@@ -307,7 +309,7 @@ class Elastodynamics:
         matrices = self._matrices_by_elimination(samples)
         if matrices is not None:
             return zip(matrices.mass, matrices.stiffness, strict=True)
-        by_qr = [constrained_matrices_by_qr(self.structure, self._robot, sample) for sample in samples]
+        by_qr = [constrained_matrices_by_qr(self.structure, self.robot, sample) for sample in samples]
         return [(matrices.mass, matrices.stiffness) for matrices in by_qr]
 
 

@@ -32,11 +32,14 @@ class Body:
         Number of the link.
     mesh : trimesh.Trimesh
         Surface [m], in the frame of the link.
-    colour : Colour
-        Colour of the surface.
+    colour : Colour or None
+        Colour of the surface; None where its faces have colours of their own.
+    opacity : float
+        0 to 1. Default: opaque.
     """
 
     name: str
     link: int
     mesh: Trimesh
-    colour: Colour
+    colour: Colour | None
+    opacity: float = 1.0

@@ -9,8 +9,8 @@ import numpy as np
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.inputs import Base
-from robot_dynamics.newton_euler.kinematics import link_placements
 from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
+from robot_dynamics.viewing.link_poses import link_matrices
 from robot_dynamics.viewing.value_range import Range
 
 if TYPE_CHECKING:
@@ -131,12 +131,7 @@ class Configuration:
 
     def link_poses(self) -> Array:
         """(links, 4, 4) poses of all link frames in frame 0 [m]."""
-        poses = np.zeros((len(self.robot.links), 4, 4))
-        for pose, (R, P) in zip(poses, link_placements(self.robot, self.q), strict=True):
-            pose[:3, :3] = R
-            pose[:3, 3] = P
-            pose[3, 3] = 1.0
-        return poses
+        return np.asarray(link_matrices(self.robot, self.q))
 
     def singularity(self) -> float:
         """Largest rate of a dependent joint for a unit rate of an independent joint; infinite where loops are singular.

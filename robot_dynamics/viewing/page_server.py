@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from viser import ViserServer
 
-    from robot_dynamics.viewing.robot_view import RobotView
+    from robot_dynamics.array_types import Array
 
 HOST = "127.0.0.1"
 BRAND_COLOUR = (42, 111, 187)
@@ -45,18 +45,19 @@ def silenced() -> Iterator[None]:
         yield
 
 
-def frame_camera(server: ViserServer, view: RobotView) -> None:
-    """Look at the whole robot from the front, above a grid on the ground."""
+def frame_camera(server: ViserServer, bounds: Array) -> None:
+    """Look at bounds (2, 3) [m] from the front, above a grid on the ground."""
+    extent = float(np.ptp(bounds, axis=0).max()) or 1.0
+    centre = bounds.mean(axis=0)
     camera = server.initial_camera
-    camera.look_at = view.centre
-    camera.position = view.centre + view.extent * np.array([1.0, -1.2, 0.65])
-    cell = float(10.0 ** np.floor(np.log10(view.extent)))
-    lowest = min(0.0, float(view.origins[:, 2].min()))
+    camera.look_at = centre
+    camera.position = centre + extent * np.array([1.0, -1.2, 0.65])
+    cell = float(10.0 ** np.floor(np.log10(extent)))
     server.scene.add_grid(
         "/grid",
         width=GRID_CELLS * cell,
         height=GRID_CELLS * cell,
         cell_size=cell,
         section_size=5 * cell,
-        position=(0.0, 0.0, lowest),
+        position=(0.0, 0.0, min(0.0, float(bounds[0, 2]))),
     )

@@ -18,15 +18,17 @@ from robot_dynamics.viewing.overlays import (
 )
 from robot_dynamics.viewing.robot_bodies import robot_bodies
 from robot_dynamics.viewing.scene import RobotScene
-from robot_dynamics.viewing.skeleton import Skeleton
+from robot_dynamics.viewing.skeleton import BONE_RADIUS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
 
     from viser import ViserServer
 
     from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
+    from robot_dynamics.viewing.body import Body
     from robot_dynamics.viewing.overlays import Overlay
 
 
@@ -41,33 +43,40 @@ class RobotView:
     server : viser.ViserServer
     robot : Robot
 
+    packages : mapping of str to Path, optional
+        Folders of packages by name, which mesh files may be in.
+
     Attributes
     ----------
     configuration : Configuration
         Positions of the robot.
+    bounds : ndarray, shape (2, 3)
+        Least and greatest coordinates of the shapes at the first positions [m], in frame 0.
+    warnings : tuple of str
+        A sentence for each mesh that is missing or refused.
     external_wrenches : dict of str to ndarray
         Wrenches (6,) on links that the efforts counter [N, N m], in the link frames.
     on_move, on_efforts : list of callable
         Called after the robot moved, and with new efforts (n,) of the independent joints.
     """
 
-    def __init__(self, server: ViserServer, robot: Robot) -> None:
+    def __init__(self, server: ViserServer, robot: Robot, packages: Mapping[str, Path] | None = None) -> None:
         self.robot = robot
         self.configuration = Configuration(robot)
         self.external_wrenches: dict[str, Array] = {}
         self.on_move: list[Callable[[], None]] = []
         self.on_efforts: list[Callable[[Array], None]] = []
         self._server = server
-        skeleton = Skeleton(robot, self.configuration.q)
-        self.extent = skeleton.extent
-        self.origins = skeleton.origins
-        self.scene = RobotScene(server.scene, robot, robot_bodies(robot, skeleton))
-        self._efforts = EffortOverlay(server.scene, self.scene, skeleton.radius, self.configuration.independent)
+        bodies, self.warnings = robot_bodies(robot, self.configuration.q, packages)
+        self.bounds = self._bounds(bodies)
+        self.scene = RobotScene(server.scene, robot, bodies)
+        radius = BONE_RADIUS * self.extent
+        self._efforts = EffortOverlay(server.scene, self.scene, radius, self.configuration.independent)
         self.overlays: list[Overlay] = [
             NameOverlay(server.scene, self.scene),
-            FrameOverlay(server.scene, self.scene, skeleton.radius),
-            MDHOverlay(server.scene, self.scene, skeleton.radius),
-            MassOverlay(server.scene, self.scene, skeleton.radius),
+            FrameOverlay(server.scene, self.scene, radius),
+            MDHOverlay(server.scene, self.scene, radius),
+            MassOverlay(server.scene, self.scene, radius),
             InertiaOverlay(server.scene, self.scene),
             self._efforts,
         ]
@@ -119,7 +128,21 @@ class RobotView:
         """End the thread that draws."""
         self.tasks.close()
 
+    def _bounds(self, bodies: list[Body]) -> Array:
+        """Return the bounds of shapes."""
+        poses = self.configuration.link_poses()
+        corners = [
+            body.mesh.bounding_box.vertices @ poses[body.link, :3, :3].T + poses[body.link, :3, 3] for body in bodies
+        ] or [poses[:, :3, 3]]
+        points = np.concatenate(corners)
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+    @property
+    def extent(self) -> float:
+        """Largest extent of the robot [m] along x, y or z of frame 0, at the first positions."""
+        return float(np.ptp(self.bounds, axis=0).max()) or self.robot.characteristic_length
+
     @property
     def centre(self) -> Array:
-        """(3,) centre of the robot at its initial positions [m]."""
-        return np.asarray((self.origins.min(axis=0) + self.origins.max(axis=0)) / 2)
+        """(3,) centre of the robot at the first positions [m]."""
+        return np.asarray(self.bounds.mean(axis=0))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,14 +13,14 @@ from robot_dynamics.viewing.body import SINGULAR_COLOUR
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from viser import FrameHandle, MeshHandle, SceneApi
+    from viser import FrameHandle, GlbHandle, MeshHandle, SceneApi
 
     from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.viewing.body import Body
 
-SMOOTH_ANGLE = 0.7
-"""Angle between faces [rad] up to which an edge is shaded as round."""
+MAX_SMOOTH_FACES = 2000
+"""Faces of a shape up to which its edges are looked for, so that only round surfaces are shaded as round."""
 
 
 class RobotScene:
@@ -40,7 +40,7 @@ class RobotScene:
     ----------
     link_frames : dict of int to viser.FrameHandle
         The node of each link that has shapes, by number of the link.
-    meshes : list of tuple of Body and viser.MeshHandle
+    meshes : list of tuple of Body and viser.MeshHandle or viser.GlbHandle
         Shapes and their nodes.
     """
 
@@ -55,22 +55,29 @@ class RobotScene:
         self.robot = robot
         self.root = root
         self.link_frames: dict[int, FrameHandle] = {}
-        self.meshes: list[tuple[Body, MeshHandle]] = []
+        self.meshes: list[tuple[Body, Any]] = []
         self._is_singular = False
-        scene.add_frame(root, show_axes=False)
+        self._root = scene.add_frame(root, show_axes=False)
         for number, body in enumerate(bodies):
             if body.link not in self.link_frames:
                 self.link_frames[body.link] = scene.add_frame(self.link_node(body.link), show_axes=False)
-            surface = body.mesh.smooth_shaded if len(body.mesh.faces) < 2000 else body.mesh
-            handle = scene.add_mesh_simple(
-                f"{self.link_node(body.link)}/{number}_{node_name(body.name)}",
-                np.asarray(surface.vertices, dtype=np.float32),
-                np.asarray(surface.faces, dtype=np.uint32),
-                color=body.colour,
-                opacity=opacity,
-                side="double",
-            )
-            self.meshes.append((body, handle))
+            self.meshes.append((body, self._add_mesh(scene, f"{self.link_node(body.link)}/{number}", body, opacity)))
+
+    def _add_mesh(self, scene: SceneApi, node: str, body: Body, opacity: float | None) -> MeshHandle | GlbHandle:
+        """Add the node of a shape below that of its link."""
+        name = f"{node}_{node_name(body.name)}"
+        if body.colour is None:
+            return scene.add_mesh_trimesh(name, body.mesh)
+        surface = body.mesh.smooth_shaded if len(body.mesh.faces) < MAX_SMOOTH_FACES else body.mesh
+        opacity = body.opacity if opacity is None else opacity * body.opacity
+        return scene.add_mesh_simple(
+            name,
+            np.asarray(surface.vertices, dtype=np.float32),
+            np.asarray(surface.faces, dtype=np.uint32),
+            color=body.colour,
+            opacity=None if opacity >= 1 else opacity,
+            side="double",
+        )
 
     def link_node(self, number: int) -> str:
         """Return the name of the node that moves with a link."""
@@ -88,13 +95,18 @@ class RobotScene:
             frame.wxyz = quaternion
             frame.position = position
 
+    def show(self, is_visible: bool) -> None:
+        """Show or hide the robot."""
+        self._root.visible = is_visible
+
     def mark_singular(self, is_singular: bool) -> None:
-        """Draw all shapes in red, or in their own colours."""
+        """Draw all shapes in red, or in their own colours; shapes whose faces have colours stay as they are."""
         if is_singular == self._is_singular:
             return
         self._is_singular = is_singular
         for body, handle in self.meshes:
-            handle.color = SINGULAR_COLOUR if is_singular else body.colour
+            if body.colour is not None:
+                handle.color = SINGULAR_COLOUR if is_singular else body.colour
 
 
 def node_name(name: str) -> str:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from robot_dynamics.viewing.mode_panel import ModePanel
 from robot_dynamics.viewing.motion_panel import MotionPanel
 from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
 from robot_dynamics.viewing.panels import JointPanel, OverlayPanel, PlatformPanel, StatusPanel, WrenchPanel
 from robot_dynamics.viewing.robot_view import RobotView
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.viewing.played_motion import PlayedMotion
 
@@ -28,6 +32,8 @@ class Viewer:
         Address to listen on. Default: this machine alone. The page has no password.
     motion : PlayedMotion, optional
         A motion to play.
+    packages : mapping of str to Path, optional
+        Folders of packages by name, which mesh files may be in.
 
     Attributes
     ----------
@@ -40,14 +46,21 @@ class Viewer:
         viser is not installed.
     """
 
-    def __init__(self, robot: Robot, port: int = PORT, host: str = HOST, motion: PlayedMotion | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        port: int = PORT,
+        host: str = HOST,
+        motion: PlayedMotion | None = None,
+        packages: Mapping[str, Path] | None = None,
+    ) -> None:
         self.server = make_server(robot.name, port, host)
         try:
-            self.view = RobotView(self.server, robot)
+            self.view = RobotView(self.server, robot, packages)
         except BaseException:
             stop_server(self.server)
             raise
-        frame_camera(self.server, self.view)
+        frame_camera(self.server, self.view.bounds)
         gui = self.server.gui
         self.panels = [StatusPanel(gui, self.view)]
         self.platform_panels = [
@@ -56,6 +69,7 @@ class Viewer:
         ]
         self.joint_panel = JointPanel(gui, self.view)
         self._motion_panel = None if motion is None else MotionPanel(gui, self.view, motion)
+        self._mode_panel = ModePanel(self.server, self.view) if is_elastic(robot) else None
         OverlayPanel(gui, self.view)
         WrenchPanel(gui, self.view)
         self.view.draw_efforts()
@@ -67,7 +81,15 @@ class Viewer:
 
     def close(self) -> None:
         """Stop serving."""
-        if self._motion_panel is not None:
-            self._motion_panel.close()
+        for panel in (self._motion_panel, self._mode_panel):
+            if panel is not None:
+                panel.close()
         self.view.close()
         stop_server(self.server)
+
+
+def is_elastic(robot: Robot) -> bool:
+    """Return whether a robot has natural frequencies: beams, or joints with springs."""
+    return any(link.flexibility is not None for link in robot.links) or any(
+        joint.spring is not None for joint in robot.joints
+    )

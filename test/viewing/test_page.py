@@ -63,7 +63,8 @@ def wait_for_robot(page):
 
 @pytest.mark.slow
 def test_page_opens_without_network_and_plays(opened):
-    text = robot_page(load_robot("gough_stewart"))
+    text, warnings = robot_page(load_robot("gough_stewart"))
+    assert warnings == ()
     assert len(text) < 3e6
     page, errors, requests = opened(text)
     first = wait_for_robot(page)
@@ -78,7 +79,7 @@ def test_page_opens_without_network_and_plays(opened):
 def test_hostile_names_are_text(opened):
     robot = read_robot(HOSTILE_TABLE, source="a table")
     assert robot.name == HOSTILE
-    page, errors, requests = opened(robot_page(robot))
+    page, errors, requests = opened(robot_page(robot)[0])
     wait_for_robot(page)
     assert page.title() == HOSTILE and errors == []
     assert page.locator("img").count() == 0
