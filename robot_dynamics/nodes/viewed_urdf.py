@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.formats.urdf.writer import write_urdf
 from robot_dynamics.model.loading import is_urdf, read_description, read_robot
+from robot_dynamics.nodes.bones import with_bones
 
 if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 def viewed_urdf(description: str) -> str:
     """Return the text of a URDF in which loops are cut, and the base link is the root.
 
-    A URDF with a fixed base stays as it is, with its meshes. robot_state_publisher takes a floating joint for a fixed
-    one: a base that moves has no joint here, since its pose comes on /tf.
+    A URDF with shapes and a fixed base stays as it is. Robots without shapes get rods. robot_state_publisher takes a
+    floating joint for a fixed one: a base that moves has no joint here, since its pose comes on /tf.
 
     Parameters
     ----------
@@ -30,9 +31,10 @@ def viewed_urdf(description: str) -> str:
     """
     text, source = read_description(description)
     robot = read_robot(text, source=source)
-    if is_urdf(text) and not robot.moving_base:
+    if is_urdf(text) and robot.visuals and not robot.moving_base:
         return decode_urdf(text, source)
-    return write_urdf(replace(robot, moving_base=False), lossy=True)
+    shaped = robot if robot.visuals else with_bones(robot)
+    return write_urdf(replace(shaped, moving_base=False), lossy=True)
 
 
 def view_frame(robot: Robot) -> str:

@@ -9,9 +9,9 @@ from robot_dynamics import write_urdf
 class CutUrdf:
     """Poses of the links of a written URDF at joint positions by name, and the gaps at its cut joints."""
 
-    def __init__(self, robot):
+    def __init__(self, robot, text=None):
         self.robot = robot
-        self.model = pinocchio.buildModelFromXML(write_urdf(robot, lossy=True))
+        self.model = pinocchio.buildModelFromXML(text or write_urdf(robot, lossy=True))
         self.data = self.model.createData()
 
     @property
@@ -31,15 +31,17 @@ class CutUrdf:
         """(4, 4) of a link in the base."""
         return self.data.oMf[self.model.getFrameId(link, pinocchio.FrameType.BODY)].homogeneous
 
+    def end_pose(self, end):
+        """(4, 4) of a LoopEnd in the base."""
+        link = self.robot.links[end.link].name
+        return self.pose(link) @ np.linalg.inv(self.robot.frame(link).placement) @ end.placement
+
     def gaps(self):
         """(m,) [m, and entries of rotation matrices]: how far the ends of the loops are apart."""
         gaps = [np.zeros(0)]
         for loop in self.robot.loops:
-            ends = []
-            for end in loop.ends:
-                link = self.robot.links[end.link].name
-                ends.append(self.pose(link) @ np.linalg.inv(self.robot.frame(link).placement) @ end.placement)
-            difference = ends[0] - ends[1]
+            moved, closed_on = map(self.end_pose, loop.ends)
+            difference = moved - closed_on
             gaps.append(difference[:3, 3] if loop.is_spherical else difference[:3].ravel())
         return np.concatenate(gaps)
 
