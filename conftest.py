@@ -15,7 +15,9 @@ else:
     pytest_collect_file = PageSybil().pytest()
 
 NODES = re.compile(
-    r"^(import rclpy|ros2 |(computed_torque|dynamics_server|mobile_base_simulator|replay_check) )", re.MULTILINE
+    r"^(import rclpy|ros2 |"
+    r"(computed_torque|dynamics_server|joint_state_completer|mobile_base_simulator|replay_check) )",
+    re.MULTILINE,
 )
 
 

@@ -14,6 +14,8 @@ ROOT = Path(__file__).parents[1]
 FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 EXECUTABLES = set(re.findall(r'^(\w+) = "robot_dynamics\.nodes', (ROOT / "pyproject.toml").read_text(), re.MULTILINE))
 
+DEPENDENCIES = set(re.findall(r"<exec_depend>(\w+)</exec_depend>", (ROOT / "package.xml").read_text()))
+
 
 def calls(path, name):
     """Return {keyword: ast node} of each call of a function."""
@@ -24,8 +26,8 @@ def calls(path, name):
 
 def test_launch_files_exist_for_each_node_and_the_closed_loop():
     names = {path.name.removesuffix(".launch.py") for path in FILES}
-    assert {"dynamics_server", "mobile_base_simulator", "computed_torque", "closed_loop"} <= names
-    for name in names - {"closed_loop"}:
+    assert {"dynamics_server", "mobile_base_simulator", "computed_torque", "closed_loop", "view"} <= names
+    for name in names - {"closed_loop", "view"}:
         assert name in EXECUTABLES
 
 
@@ -35,6 +37,10 @@ def test_packages_and_files_in_launch_files_exist(path):
     nodes = [words for words, _ in calls(path, "Node")]
     assert nodes and re.search(r'"?package"?[=:] ?"robot_dynamics"', text)
     for words in nodes:
+        package = words.get("package")
+        if package is not None and ast.literal_eval(package) != "robot_dynamics":
+            assert ast.literal_eval(package) in DEPENDENCIES
+            continue
         executable = ast.literal_eval(words["executable"])
         assert executable in EXECUTABLES
         assert (ROOT / "robot_dynamics" / "nodes" / executable / "__main__.py").is_file()

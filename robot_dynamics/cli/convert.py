@@ -57,8 +57,8 @@ def run(arguments: Namespace) -> None:
         print(f"left out: {omission}", file=sys.stderr)
     if ending == ".urdf":
         print(
-            "note: the URDF has what the dynamics need, without shapes, transmissions and elements of simulators: do "
-            "not give it to robot_state_publisher",
+            "note: the URDF has what the dynamics need and visual shapes, without collision shapes, transmissions and "
+            "elements of simulators",
             file=sys.stderr,
         )
     offset_rows = sum(row.joint is None for row in build_mdh_table(robot))

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result, require_finite
+from robot_dynamics.constraints.attitude_charts import joint_velocities
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import UNACTUATED_REASON
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.codegen.trace.program import Program
     from robot_dynamics.constraints.closure_solver import ClosureSolver
     from robot_dynamics.constraints.constrained_state import ConstrainedState
+    from robot_dynamics.constraints.topology import ConstraintTopology
     from robot_dynamics.model.robot import Robot
 
 
@@ -122,7 +126,14 @@ class JointCoordinates:
             As `expand_positions`.
         """
         qd = self._check_joints("velocities", qd)
-        state = self._constrained_state_or_any(q)
+        if qd.ndim == 1 and q is not None and self.robot.loops:
+            closed = self._closure_solver.close_loops(q)
+            velocities = self._compiled_velocities(closed, qd) if closed.ndim == 1 else None
+            if velocities is not None:
+                return velocities
+            state = self._closure_solver.state_at_closed(closed)
+        else:
+            state = self._constrained_state_or_any(q)
         with np.errstate(all="ignore"):
             rates = state.expand_rates(qd)
         return state.joint_velocities(broadcast_result(rates, rates.shape[:-1]))
@@ -228,6 +239,19 @@ class JointCoordinates:
         """Return checked positions (..., n), or (..., all joints) where the robot has loops."""
         return self._closure_solver.close_loops(q) if self.robot.loops else self._check_joints("positions", q)
 
+    def _compiled_velocities(self, q: Array, qd: Array) -> Array | None:
+        """Velocities (all joints,) at closed positions q (all joints,), of those qd (n,) of the independent joints.
+
+        None where the program of the rates is not ready, or rates are not finite.
+        """
+        solver = self._closure_solver
+        trace = partial(_trace_joint_rates, solver.topology)
+        results = solver.procedures.evaluate_program("joint_rates", trace, q, np.ascontiguousarray(qd))
+        if results is None:
+            return None
+        velocities: Array = joint_velocities(q, results[0], solver.attitudes, solver.topology.offset)
+        return velocities
+
     def _constrained_state_or_any(self, q: ArrayLike | None) -> ConstrainedState:
         """Return the constrained state at q; at zero if q is None and the robot has no loops."""
         if q is None and self.robot.loops:
@@ -246,3 +270,10 @@ class JointCoordinates:
 
 def _list_joints(names: tuple[str, ...]) -> str:
     return f"joints ({', '.join(names)})"
+
+
+def _trace_joint_rates(topology: ConstraintTopology) -> Program:
+    """Trace the program of the rates; it comes from the cache in most processes."""
+    from robot_dynamics.codegen.trace.joint_rates import joint_rates_program
+
+    return joint_rates_program(topology)

@@ -47,6 +47,11 @@ def demo() -> int | None:
     return run_executable("demo")
 
 
+def joint_state_completer() -> int | None:
+    """Run the node joint_state_completer."""
+    return run_executable("joint_state_completer")
+
+
 def mobile_base_simulator() -> int | None:
     """Run the node mobile_base_simulator."""
     return run_executable("mobile_base_simulator")

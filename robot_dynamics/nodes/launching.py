@@ -1,9 +1,14 @@
 """What the launch files share. `launch` comes with ROS and is not among its wheels: only launch files import this."""
 
+from typing import Any
+
 from launch.substitution import Substitution
 from launch.substitutions import EqualsSubstitution, IfElseSubstitution, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+from robot_dynamics.model.loading import load_robot
+from robot_dynamics.nodes.viewed_urdf import view_frame, viewed_urdf
 
 NONE = "none"  # stands for an empty launch argument, which cannot be typed
 
@@ -27,3 +32,35 @@ def time_parameters(is_simulated: Substitution) -> IfElseSubstitution:
     simulated = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "simulated_time.yaml"])
     machine = PathJoinSubstitution([FindPackageShare("robot_dynamics"), "config", "machine_time.yaml"])
     return IfElseSubstitution(is_simulated, simulated, machine)
+
+
+class ViewedUrdf(Substitution):
+    """The text of the URDF that robot_state_publisher shows of a robot."""
+
+    def __init__(self, robot: Substitution) -> None:
+        super().__init__()
+        self._robot = robot
+
+    def perform(self, context: Any) -> str:
+        """Return the text; the value of the robot is a path, or the name of a robot that ships."""
+        return viewed_urdf(self._robot.perform(context))
+
+
+class ViewFrame(Substitution):
+    """The fixed frame of a view: a name, or if that is empty the one of the robot.
+
+    Without a robot it is `map`.
+    """
+
+    def __init__(self, name: Substitution, robot: Substitution) -> None:
+        super().__init__()
+        self._name = name
+        self._robot = robot
+
+    def perform(self, context: Any) -> str:
+        """Return the name of the frame."""
+        name: str = self._name.perform(context)
+        robot = self._robot.perform(context)
+        if name or not robot:
+            return name or "map"
+        return view_frame(load_robot(robot))

@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.codegen.trace.preparation import prepare_robot
+from robot_dynamics.codegen.trace.joint_rates import symbolic_state
 from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
-from robot_dynamics.constraints.constrained_state import charted_state_at
 from robot_dynamics.parallel.platform_motion import ChartRates
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.codegen.trace.program import Program
-    from robot_dynamics.constraints.constrained_state import ConstrainedState
     from robot_dynamics.constraints.topology import ConstraintTopology
 
 
@@ -41,7 +39,7 @@ def motor_rates_program(
     inputs = {"q": joints, "twist": 6, "acceleration": 6}
     trace = Trace()
     q, twist, acceleration = (trace.input(name, size) for name, size in inputs.items())
-    state = _symbolic_state(topology, q)
+    state = symbolic_state(topology, q)
     coordinates = list(coordinate_joints)
     x = q[coordinates]
     rates = state.complete_rates(_embed(ChartRates.rates(x, twist), coordinates, joints))
@@ -60,18 +58,12 @@ def platform_acceleration_program(topology: ConstraintTopology, coordinate_joint
     inputs = {"q": len(topology.robot.joints), "qd": size, "qdd": size}
     trace = Trace()
     q, qd, qdd = (trace.input(name, count) for name, count in inputs.items())
-    state = _symbolic_state(topology, q)
+    state = symbolic_state(topology, q)
     rates = state.expand_rates(qd)
     rate_derivatives = state.expand_rates(qdd, state.constraint_drift(rates))
     coordinates = list(coordinate_joints)
     acceleration = ChartRates.acceleration(q[coordinates], rates[coordinates], rate_derivatives[coordinates])
     return build_program(trace, "platform_acceleration", inputs, {"acceleration": acceleration})
-
-
-def _symbolic_state(topology: ConstraintTopology, q: ScalarArray) -> ConstrainedState:
-    """The constrained state at symbols q (all joints,), of the robot in frames with the fewest numbers."""
-    robot, shifts = prepare_robot(topology.robot, group_parameters=False)
-    return charted_state_at(topology.with_robot(robot, shifts), q + shifts, uses_G=False)
 
 
 def _embed(values: ScalarArray, columns: Sequence[int], size: int) -> ScalarArray:

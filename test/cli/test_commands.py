@@ -292,4 +292,4 @@ def test_urdf_is_shown_without_rounding_errors_and_converted_with_notes(tmp_path
     assert "WARNING: " in printed and "link 'b' has a shape and moves" in printed
     assert "left out: limits of 'k'" in printed and "robot_state_publisher" not in printed
     assert main(["convert", str(path), str(tmp_path / "out.urdf")]) == 0
-    assert "do not give it to robot_state_publisher" in capsys.readouterr().err
+    assert "without collision shapes" in capsys.readouterr().err

@@ -18,6 +18,7 @@ MOVING = {"robot_file": "free_flying_arm", "use_sim_time": True}
 CONFIGURATIONS = {
     "computed_torque": [{"robot_file": "panda", "use_sim_time": True}],
     "dynamics_server": [{"robot_file": "panda", "use_sim_time": True}],
+    "joint_state_completer": [{"robot_file": "delta", "use_sim_time": True}],
     "mobile_base_simulator": [MOVING, {"robot_file": "panda", "publish_clock": False, "use_sim_time": True}],
     "replay_check": [{"robot_file": "panda", "use_sim_time": True}, MOVING],
 }

@@ -37,8 +37,11 @@ def _truth(value):
 
 
 class _Substitution:
-    def __init__(self, perform):
-        self.perform = perform
+    """A substitution by a function; also the base class of those of a launch file, which have a method `perform`."""
+
+    def __init__(self, perform=None):
+        if perform is not None:
+            self.perform = perform
 
 
 @dataclass
@@ -59,15 +62,32 @@ class ParameterValue:
 
 
 @dataclass
+class IfCondition:
+    expression: object
+
+    def evaluate(self, context):
+        return {"true": True, "false": False}[performed(self.expression, context)]
+
+
+@dataclass
 class Node:
     package: str
     executable: str
     namespace: object = ""
+    arguments: list = field(default_factory=list)
     parameters: list = field(default_factory=list)
     remappings: list = field(default_factory=list)
+    condition: IfCondition | None = None
     output: str = "log"
 
-    def arguments(self, context, folder):
+    def starts(self, context):
+        return self.condition is None or self.condition.evaluate(context)
+
+    def program_arguments(self, context):
+        """Arguments before --ros-args on the command line."""
+        return [performed(word, context) for word in self.arguments]
+
+    def ros_arguments(self, context, folder):
         """Arguments after --ros-args on the command line; dicts of parameters are written into files in a folder."""
         namespace = performed(self.namespace, context)
         words = ["-r", f"__ns:=/{namespace.strip('/')}"] if namespace else []
@@ -107,6 +127,7 @@ SUBSTITUTIONS = {
 MODULES = {
     "launch": {"LaunchDescription": lambda entities: SimpleNamespace(entities=entities)},
     "launch.substitution": {"Substitution": _Substitution},
+    "launch.conditions": {"IfCondition": IfCondition},
     "launch.actions": {"DeclareLaunchArgument": DeclareLaunchArgument},
     "launch.substitutions": SUBSTITUTIONS,
     "launch_ros": {},
@@ -141,7 +162,14 @@ def description(path):
 
 
 def started(file, arguments, folder):
-    """[(executable, arguments after --ros-args)] of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
+    """[(executable, arguments after --ros-args)] of our own nodes of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
+    nodes, context = started_nodes(file, arguments)
+    own = [node for node in nodes if node.package == "robot_dynamics"]
+    return [(node.executable, node.ros_arguments(context, folder)) for node in own]
+
+
+def started_nodes(file, arguments):
+    """(Nodes of all packages, context) of `ros2 launch robot_dynamics FILE ARGUMENTS...`."""
     entities = description(ROOT / "launch" / file)
     declared = {item.name: item for item in entities if isinstance(item, DeclareLaunchArgument)}
     context = typed_arguments(arguments)
@@ -149,4 +177,4 @@ def started(file, arguments, folder):
     for name, argument in declared.items():
         if name not in context:
             context[name] = performed(argument.default_value, context)
-    return [(item.executable, item.arguments(context, folder)) for item in entities if isinstance(item, Node)]
+    return [item for item in entities if isinstance(item, Node) and item.starts(context)], context

@@ -1,0 +1,42 @@
+"""The URDF that robot_state_publisher shows of a robot, with the joints of joint_state_completer."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from robot_dynamics.model.formats.urdf.document import decode_urdf
+from robot_dynamics.model.formats.urdf.writer import write_urdf
+from robot_dynamics.model.loading import is_urdf, read_description, read_robot
+from robot_dynamics.nodes.bones import with_bones
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+
+
+def viewed_urdf(description: str) -> str:
+    """Return the text of a URDF in which loops are cut, and the base link is the root.
+
+    A URDF with shapes and a fixed base stays as it is. Robots without shapes get rods. robot_state_publisher takes a
+    floating joint for a fixed one: a base that moves has no joint here, since its pose comes on /tf.
+
+    Parameters
+    ----------
+    description : path of a URDF, an MDH table or a .par, or the name of a robot that ships.
+
+    Raises
+    ------
+    DescriptionError
+        The description cannot be read.
+    """
+    text, source = read_description(description)
+    robot = read_robot(text, source=source)
+    if is_urdf(text) and robot.visuals and not robot.moving_base:
+        return decode_urdf(text, source)
+    shaped = robot if robot.visuals else with_bones(robot)
+    return write_urdf(replace(shaped, moving_base=False), lossy=True)
+
+
+def view_frame(robot: Robot) -> str:
+    """Return the frame that does not move in a view: the base link, or `odom` if the base moves."""
+    return "odom" if robot.moving_base else robot.base_link

@@ -1,0 +1,148 @@
+"""view.launch.py: what robot_state_publisher and RViz are started with, and the nodes of this package as they run."""
+
+import importlib.util
+import subprocess
+import sys
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio
+import pytest
+import yaml
+from nodes.completer_probe import CompleterProbe, values_by_name
+from peers.cut_urdf import CutUrdf
+from peers.launch_files import ROOT, performed, started, started_nodes
+
+from robot_dynamics import Dynamics, load_robot, shipped_robots, write_urdf
+from robot_dynamics.nodes.processes import terminate_process
+from robot_dynamics.nodes.viewed_urdf import viewed_urdf
+
+FILE = "view.launch.py"
+RVIZ = ROOT / "config" / "rviz" / "view.rviz"
+
+
+def parameters_of(node, context):
+    """{name: text} of the parameters of a node."""
+    return {name: value for parameters in node.parameters for name, value in parameters.items()}
+
+
+def launched_nodes(*arguments):
+    nodes, context = started_nodes(FILE, arguments)
+    return {node.package: node for node in nodes}, context
+
+
+@pytest.mark.parametrize("name", sorted(shipped_robots()))
+def test_robot_state_publisher_has_the_joints_that_are_published(name):
+    """And its root is the fixed frame; for a base that moves /tf has the way from odom to the root."""
+    nodes, context = launched_nodes(f"robot:={name}")
+    text = parameters_of(nodes["robot_state_publisher"], context)["robot_description"].evaluated(context)
+    model = pinocchio.buildModelFromXML(text)
+    robot = load_robot(name)
+    assert set(model.names[1:]) == {joint.name for joint in robot.joints}
+    assert 'type="floating"' not in text
+    words = nodes["rviz2"].program_arguments(context)
+    assert words[:3] == ["-d", str(RVIZ), "-f"]
+    assert words[3] == ("odom" if robot.moving_base else robot.base_link)
+    assert root_link(text) == robot.base_link
+
+
+def root_link(urdf):
+    root = ElementTree.fromstring(urdf.encode())
+    children = {child.get("link") for child in root.findall("joint/child")}
+    (name,) = {link.get("name") for link in root.findall("link")} - children
+    return name
+
+
+def test_urdf_is_shown_as_it_is_with_its_shapes(tmp_path):
+    text = write_urdf(load_robot("panda"), lossy=True)
+    assert "<visual" not in text and "<visual" in viewed_urdf("panda")
+    shape = '<link name="panda_link0"><visual><geometry><mesh filename="package://a/b.dae"/></geometry></visual>'
+    path = tmp_path / "robot.urdf"
+    path.write_text(text.replace('<link name="panda_link0">', shape))
+    nodes, context = launched_nodes(f"robot:={path}")
+    assert parameters_of(nodes["robot_state_publisher"], context)["robot_description"].evaluated(context) == (
+        path.read_text()
+    )
+
+
+@pytest.mark.parametrize("name", ["four_bar", "delta", "gough_stewart", "navaro"])
+def test_rods_meet_where_loops_close(name):
+    """In Pinocchio, at another pose: rods of both links end at each cut joint."""
+    dynamics = Dynamics(load_robot(name), compiled=False)
+    start = dynamics.initial_joint_positions
+    motors = start[[dynamics.robot.joint_numbers[joint] for joint in dynamics.joint_names]]
+    q = dynamics.expand_positions(motors + 0.05 * np.cos(np.arange(len(motors))), previous=start)
+    text = viewed_urdf(name)
+    urdf = CutUrdf(dynamics.robot, text)
+    urdf.move(dict(zip(dynamics.all_joint_names, q, strict=True)))
+    tips = tips_of_rods(urdf, text)
+    for loop in dynamics.robot.loops:
+        for end in loop.ends:
+            link = dynamics.robot.links[end.link].name
+            goal = urdf.end_pose(end)[:3, 3]
+            origin = (urdf.pose(link) @ np.linalg.inv(dynamics.robot.frame(link).placement))[:3, 3]
+            if np.linalg.norm(goal - origin) > 0.1 * dynamics.robot.characteristic_length:
+                assert min(np.linalg.norm(tip - goal) for tip in tips[link]) < 1e-9
+                assert min(np.linalg.norm(tip - origin) for tip in tips[link]) < 1e-9
+
+
+def tips_of_rods(urdf, text):
+    """{link: both ends (3,) of each cylinder in the base}, by Pinocchio."""
+    geometry = pinocchio.buildGeomFromUrdfString(urdf.model, text, pinocchio.GeometryType.VISUAL)
+    tips = {}
+    for shape in geometry.geometryObjects:
+        if not shape.name or not hasattr(shape.geometry, "halfLength"):
+            continue
+        link = urdf.model.frames[shape.parentFrame].name
+        placement = urdf.data.oMi[shape.parentJoint] * shape.placement
+        for side in (-1, 1):
+            tips.setdefault(link, []).append(placement.act(np.array([0, 0, side * shape.geometry.halfLength])))
+    return tips
+
+
+def test_arguments_choose_what_is_started(tmp_path):
+    nodes, context = launched_nodes("robot:=none", "rviz:=false", "namespace:=left")
+    assert set(nodes) == {"robot_dynamics"}
+    nodes, context = launched_nodes("robot:=none", "use_sim_time:=true", "clock:=clock")
+    assert set(nodes) == {"robot_dynamics", "rviz2"} and nodes["rviz2"].program_arguments(context)[3] == "map"
+    for node in nodes.values():
+        assert parameters_of(node, context)["use_sim_time"].evaluated(context) is True
+        remappings = {old: performed(new, context) for old, new in node.remappings}
+        assert remappings["/clock"] == "clock"
+    nodes, context = launched_nodes("fixed_frame:=table")
+    assert nodes["rviz2"].program_arguments(context)[3] == "table"
+    assert dict(nodes["robot_state_publisher"].remappings)["joint_states"] == "joint_state_completer/joint_states"
+
+
+def test_rviz_shows_topics_that_exist(client, tmp_path):
+    """Of the nodes that are started, in their namespace; the state of a Delta is closed in the URDF that is shown."""
+    displays = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]
+    topics = {display["Topic"]["Value"] for display in displays if "Topic" in display}
+    assert topics == {"joint_state_completer/markers"}
+    (model,) = [display for display in displays if display["Class"] == "rviz_default_plugins/RobotModel"]
+    assert model["Description Topic"]["Value"] == "robot_description"
+    dynamics = Dynamics(load_robot("delta"), compiled=False)
+    urdf = CutUrdf(dynamics.robot)
+    names = list(dynamics.joint_names)
+    ((executable, words),) = started(FILE, ["robot:=delta", "namespace:=viewed", "rviz:=false"], tmp_path)
+    command = [sys.executable, "-m", f"robot_dynamics.nodes.{executable}", "--ros-args", *words]
+    process = subprocess.Popen(command)
+    try:
+        probe = CompleterProbe("/viewed/joint_state_completer", client, "mobile_base_simulator/external_wrench")
+        for topic in topics:
+            assert client.node.count_publishers(f"/viewed/{topic}") == 1
+        state = probe.complete(1, names, np.array([0.5, 0.3, 0.2]))
+    finally:
+        terminate_process(process)
+    urdf.move(values_by_name(state))
+    assert np.abs(urdf.gaps()).max() < 1e-9
+
+
+def test_configuration_of_rviz_has_the_namespaces_of_the_markers():
+    from robot_dynamics.nodes.joint_state_completer import markers
+
+    displays = yaml.safe_load(RVIZ.read_text())["Visualization Manager"]["Displays"]
+    (display,) = [display for display in displays if display["Class"] == "rviz_default_plugins/MarkerArray"]
+    source = importlib.util.find_spec(markers.__name__).loader.get_source(markers.__name__)
+    for namespace in display["Namespaces"]:
+        assert f'"{namespace}"' in source
