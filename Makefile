@@ -31,7 +31,7 @@ REAL_TIME += fault_rounds streaming_faults streaming_interruptions streaming_soa
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
 # The nodes that `make jazzy` tests: one that streams, one with services, one that reads recordings.
-JAZZY_NODES = computed_torque control_loop dynamics_server joint_state_completer mobile_base_simulator replay_check
+JAZZY_NODES = computed_torque dynamics_server replay_check
 # Fewer of what is random, nothing slow, no comparison with another library, no faults between processes: here it is
 # the packages that differ.
 jazzy: export RANDOM_TREES := 30
