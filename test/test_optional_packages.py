@@ -138,8 +138,20 @@ def test_shipped_robots_are_listed_without_yourdfpy():
         ),
         (
             "plotly",
-            ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
+            ["frequencies", "navaro", "--map", "x:0:0.01:2,y:0:0.01:2", "--output", "NEW.html"],
             "a picture in HTML needs plotly, which is not installed: pip install plotly"
+            ", part of the extra robot_dynamics[view]",
+        ),
+        (
+            "viser",
+            ["frequencies", "navaro", "--mode", "1", "--output", "NEW.html"],
+            "a page in three dimensions needs viser, which is not installed: pip install viser"
+            ", part of the extra robot_dynamics[view]",
+        ),
+        (
+            "viser",
+            ["view", "four_bar"],
+            "a page in three dimensions needs viser, which is not installed: pip install viser"
             ", part of the extra robot_dynamics[view]",
         ),
         (

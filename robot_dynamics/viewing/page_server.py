@@ -24,7 +24,7 @@ GRID_CELLS = 40
 
 def make_server(title: str, port: int, host: str) -> ViserServer:
     """Start a server with an empty scene. Raises MissingPackageError."""
-    viser = import_optional("viser", "the viewer")
+    viser = import_optional("viser", "a page in three dimensions")
     with silenced():
         server: ViserServer = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND_COLOUR)

@@ -34,11 +34,18 @@ def test_wrong_arguments_are_refused_and_write_nothing(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+def heed_interruptions():
+    """Ctrl-C ends the process, also where these tests run in the background of a shell that ignores it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
 def test_page_is_served_on_this_machine_until_an_interruption(ending):
     command = [sys.executable, "-m", "robot_dynamics", "view", "four_bar", "--port", "8571"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_interruptions
+    )
     try:
         line = process.stdout.readline()
         url = re.search(r"http://127\.0\.0\.1:\d+", line)[0]
