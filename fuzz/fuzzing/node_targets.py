@@ -19,12 +19,12 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-import psutil
 import rclpy
 from builtin_interfaces.msg import Time
 from fuzzing.campaign import MEMORY, Summary, cpu_limit
 from fuzzing.message_mutations import fill_message, message_content, mutate_tree
 from fuzzing.mutations import mutate_bytes
+from fuzzing.process_usage import cpu_time, resident_memory
 from fuzzing.requests import PandaPeer, RequestTarget, require_finite
 from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -83,9 +83,9 @@ class NodeCampaign:
         done = inputs is not None and self.summary.inputs >= inputs
         return done or (seconds is not None and self.summary.seconds >= seconds) or len(self.summary.finds) > 20
 
-    def watch(self, process: psutil.Process, data: bytes) -> None:
-        """Note the memory of a node."""
-        memory = process.memory_info().rss
+    def watch(self, number: int, data: bytes) -> None:
+        """Note the memory of a node by the number of its process."""
+        memory = resident_memory(number)
         self.summary.largest_memory = max(self.summary.largest_memory, memory)
         if memory > MEMORY:
             self.find(f"the node has {memory / 1e6:.0f} MB", data)
@@ -137,8 +137,8 @@ def run_node_requests(
                     request = fill_message(kind.Request(), content["request"])
                 except ValueError:
                     continue
-                process = psutil.Process(processes[content["robot"]].pid)
-                began = sum(process.cpu_times()[:2])
+                process = processes[content["robot"]]
+                began = cpu_time(process.pid)
                 service = f"{namespace}/{content['robot']}/dynamics_server/{content['service']}"
                 summary.inputs += 1
                 try:
@@ -158,17 +158,17 @@ def run_node_requests(
                     summary.kinds["not sent"] += 1
                 except (TimeoutError, AssertionError) as error:
                     campaign.find(f"{type(error).__name__}: {error}", data)
-                if processes[content["robot"]].poll() is not None:
+                if process.poll() is not None:
                     campaign.find("the node has died", data)
                     break
-                elapsed = sum(process.cpu_times()[:2]) - began  # with that of its other threads
+                elapsed = cpu_time(process.pid) - began  # with that of its other threads
                 summary.largest_cpu = max(summary.largest_cpu, elapsed)
                 summary.largest_cpu_per_kilobyte = max(
                     summary.largest_cpu_per_kilobyte, elapsed / max(1.0, len(data) / 1024)
                 )
                 if elapsed > cpu_limit(len(data)) + 1.0:  # compiles models beside
                     campaign.find(f"{elapsed:.1f} s of CPU time", data)
-                campaign.watch(process, data)
+                campaign.watch(process.pid, data)
         finally:
             client.close()
     return summary
@@ -260,7 +260,6 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
 
         thread = threading.Thread(target=spin)
         thread.start()
-        process = psutil.Process(child.pid)
         recent: deque[bytes] = deque(maxlen=BURST)
         try:
             _settle(publisher, watcher, expected, child)
@@ -273,7 +272,7 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                     )
                     break
                 summary.comparisons += SETTLED
-                began = sum(process.cpu_times()[:2])
+                began = cpu_time(child.pid)
                 recent.clear()
                 next_time = time.monotonic()
                 for _ in range(BURST):
@@ -289,10 +288,10 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                     summary.inputs += 1
                     next_time += 1 / RATE
                     time.sleep(max(0.0, next_time - time.monotonic()))
-                elapsed = (sum(process.cpu_times()[:2]) - began) / BURST
+                elapsed = (cpu_time(child.pid) - began) / BURST
                 summary.largest_cpu = max(summary.largest_cpu, elapsed)
                 summary.largest_cpu_per_kilobyte = max(summary.largest_cpu_per_kilobyte, elapsed)
-                campaign.watch(process, b"".join(recent))
+                campaign.watch(child.pid, b"".join(recent))
                 for problem in watcher.problems:
                     campaign.find(problem, b"".join(recent))
                 watcher.problems.clear()
