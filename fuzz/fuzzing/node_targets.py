@@ -44,7 +44,7 @@ LIMITS = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])  # [N m] of the de
 STATE_TIMEOUT = 0.02  # [s] the default of computed_torque
 SLACK = 0.01  # [s] between the last check of the node and the middleware, on a machine that does other things
 RATE = 1000.0  # [1/s] of states
-BURST = 200  # states, half of which are mutated
+BURSTS = (20, 200, 2000)  # states, half of which are mutated, before sound ones again
 PATIENCE = 120.0  # [s] on a machine that does other things
 SETTLED = 20  # commands that are compared
 RAW_PART = 0.2  # of mutated states: their serialized bytes are changed
@@ -228,12 +228,12 @@ def mutated_state(rng: random.Random, corpus: list[bytes]) -> JointState | bytes
         shift = rng.choice([-1, 1]) * rng.choice([1e3, 1e6, 5e6, 15e6, 25e6, 1e9, 1e12])
         now = stamp["sec"] * 10**9 + stamp["nanosec"] + int(shift)
         content["header"]["stamp"] = {"sec": now // 10**9, "nanosec": now % 10**9}
-    else:
-        content = mutate_tree(content, rng)
-    try:
         return fill_message(JointState(), content)
-    except ValueError:
-        return message
+    while True:
+        try:
+            return fill_message(JointState(), mutate_tree(content, rng))
+        except ValueError:  # no message of this type
+            continue
 
 
 def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, seconds: float | None, seed: int) -> Summary:
@@ -260,7 +260,7 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
 
         thread = threading.Thread(target=spin)
         thread.start()
-        recent: deque[bytes] = deque(maxlen=BURST)
+        recent: list[bytes] = []
         try:
             _settle(publisher, watcher, expected, child)
             campaign.start()
@@ -275,8 +275,10 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                 began = cpu_time(child.pid)
                 recent.clear()
                 next_time = time.monotonic()
-                for _ in range(BURST):
-                    message = mutated_state(rng, seeds) if rng.random() < 0.5 else clean_state()
+                size = rng.choice(BURSTS)
+                for _ in range(size):
+                    is_mutated = rng.random() < 0.5
+                    message = mutated_state(rng, seeds) if is_mutated else clean_state()
                     if isinstance(message, JointState):
                         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
                         watcher.sent[stamp] = True
@@ -286,9 +288,10 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                         continue
                     recent.append(message if isinstance(message, bytes) else serialize_message(message))
                     summary.inputs += 1
+                    summary.kinds["mutated"] += is_mutated
                     next_time += 1 / RATE
                     time.sleep(max(0.0, next_time - time.monotonic()))
-                elapsed = (cpu_time(child.pid) - began) / BURST
+                elapsed = (cpu_time(child.pid) - began) / size
                 summary.largest_cpu = max(summary.largest_cpu, elapsed)
                 summary.largest_cpu_per_kilobyte = max(summary.largest_cpu_per_kilobyte, elapsed)
                 campaign.watch(child.pid, b"".join(recent))
