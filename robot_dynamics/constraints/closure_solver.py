@@ -115,9 +115,11 @@ class ClosureSolver:
         batch = positions.shape[:-1]
         samples = positions.reshape(math.prod(batch), positions.shape[-1])
         many = name_sample and positions.ndim > 1
-        self._reach.refuse_far(samples, range(len(samples)), many)
         joint_positions = np.empty((len(samples), len(self._names)))
         for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            if block_positions is None:
+                self._reach.refuse_far(samples[numbers], numbers, many)
+                continue
             if result is not None:
                 refuse_open(self._topology, result, numbers, many)
             joint_positions[numbers] = block_positions
@@ -140,14 +142,14 @@ class ClosureSolver:
         batch = positions.shape[:-1]
         samples = positions.reshape(-1, positions.shape[-1])
         joint_positions = np.tile(self.closed_positions, (len(samples), 1))
-        joint_positions[:, self.independent] = samples
-        is_closed = ~self._reach.is_far(samples)
-        near = np.flatnonzero(is_closed)
-        seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])[near]
-        for numbers, block_positions, result in self._solve_blocks(samples[near], seeds):
-            joint_positions[near[numbers]] = block_positions
+        is_closed = np.ones(len(samples), dtype=bool)
+        for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            if block_positions is None:
+                is_closed[numbers] = False
+                continue
+            joint_positions[numbers] = block_positions
             if result is not None:
-                is_closed[near[numbers]] = is_valid(result)
+                is_closed[numbers] = is_valid(result)
         return joint_positions.reshape(*batch, len(self._names)), is_closed.reshape(batch)
 
     def close_trajectory(self, q: ArrayLike) -> Array:
@@ -254,11 +256,11 @@ class ClosureSolver:
 
     def _solve_blocks(
         self, samples: Array, seed: Array | None
-    ) -> Iterator[tuple[IntArray, Array, ClosureResult | None]]:
+    ) -> Iterator[tuple[IntArray, Array | None, ClosureResult | None]]:
         """Solve samples (N, n) block by block, with a seed (..., dependent) or None.
 
         Yields numbers (k,) of samples and their positions (k, all joints), with a ClosureResult for those which the
-        procedures leave open.
+        procedures leave open. Samples far out of reach have no positions.
         """
         seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         for first in range(0, len(samples), BLOCK_SIZE):
@@ -268,6 +270,10 @@ class ClosureSolver:
                 positions, is_closed = closed
                 yield numbers[is_closed], positions[is_closed], None
                 numbers = numbers[~is_closed]
+            is_far = self._reach.is_far(samples[numbers])
+            if is_far.any():
+                yield numbers[is_far], None, None
+                numbers = numbers[~is_far]
             if not len(numbers):
                 continue
             with self._ready_tracker() as tracker:  # ends before the yield: the caller keeps its NumPy error state

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 MAX_PAIRS = 500
 """Pairs of loops that are considered: more take longer to find than a search for closed positions."""
+BLOCK_SIZE = 1000
+"""Samples that are checked together, for the memory that their sides take."""
 ROUNDING = 1e-9
 """Gap, as a part of the longest side and the characteristic length, that rounding and the closure may leave."""
 
@@ -92,8 +94,12 @@ class Reach:
         """
         if not self._names:
             return np.zeros(len(q), dtype=bool)
+        far = np.empty(len(q), dtype=bool)
         with np.errstate(all="ignore"):
-            return np.asarray((self.gaps(q) > self._length).any(axis=-1))
+            for first in range(0, len(q), BLOCK_SIZE):
+                block = slice(first, first + BLOCK_SIZE)
+                far[block] = (self.gaps(q[block]) > self._length).any(axis=-1)
+        return far
 
     def refuse_far(self, q: Array, numbers: Sequence[int] | IntArray, many: bool = False) -> None:
         """Raise SingularModelError for the first sample of q (N, n) that `is_far`.

@@ -95,3 +95,21 @@ def test_legs_that_cannot_close_are_refused_without_a_search(platform, length, m
     assert "'ball_3'" in str(refusal.value)
     platform.direct(q[::2], np.zeros((2, 6)), np.zeros((2, 6)))
     assert searched
+
+
+def test_samples_far_out_of_reach_are_told_from_others_in_batches(platform):
+    solver = closure_solver.ClosureSolver(platform.robot)
+    q = np.full((2100, 6), 3.2)
+    q[[3, 1500, 2050], [0, 1, 2]] = 1e9
+    far = Reach(solver.topology).is_far(q)
+    assert np.flatnonzero(far).tolist() == [3, 1500, 2050]
+    few = [0, 3, 5, 1500]
+    positions, is_closed = solver.try_close_loops(q[few])
+    assert is_closed.tolist() == [True, False, True, False]
+    assert np.abs(loop_gaps(platform.robot, positions[2])).max() < 1e-9
+    with pytest.raises(SingularModelError, match="at sample 1: its links leave"):
+        solver.close_loops(q[few])
+    with pytest.raises(SingularModelError, match="at sample 1: its links leave"):
+        solver.close_trajectory(q[few])
+    with pytest.raises(SingularModelError, match="at sample 1: its links leave"):
+        solver.continue_branch(q[few], positions[0])
