@@ -46,6 +46,7 @@ TEXTS = [
     "nan",
 ]
 MOST_ITEMS = 20_000  # of a list that is repeated
+RANGES = {"int32": range(-(2**31), 2**31), "uint32": range(2**32)}  # of integers in the messages that are mutated
 
 
 def mutate_tree(tree: Any, rng: random.Random) -> Any:
@@ -102,7 +103,7 @@ def _change(container: Any, key: Any, rng: random.Random) -> None:
 
 
 def fill_message(message: Any, content: Mapping[str, Any]) -> Any:
-    """Set the fields of a message. Raises ValueError where a value does not fit its field."""
+    """Set the fields of a message. Raises ValueError where there is no such field, or a value does not fit it."""
     types = message.get_fields_and_field_types()
     for name, value in content.items():
         if name not in types:
@@ -117,6 +118,8 @@ def fill_message(message: Any, content: Mapping[str, Any]) -> Any:
 def _field_value(type_name: str, present: Any, value: Any) -> Any:
     if isinstance(value, dict):
         return fill_message(present, value)
+    if type_name in RANGES and value not in RANGES[type_name]:  # rclpy checks it when it sends the message
+        raise ValueError(f"{value} is no {type_name}")
     if not isinstance(value, list):
         return value
     element = type_name.removeprefix("sequence<").removesuffix(">")

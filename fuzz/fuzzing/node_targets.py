@@ -19,12 +19,12 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-import psutil
 import rclpy
 from builtin_interfaces.msg import Time
 from fuzzing.campaign import MEMORY, Summary, cpu_limit
 from fuzzing.message_mutations import fill_message, message_content, mutate_tree
 from fuzzing.mutations import mutate_bytes
+from fuzzing.process_usage import cpu_time, resident_memory
 from fuzzing.requests import PandaPeer, RequestTarget, require_finite
 from rcl_interfaces.srv import ListParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -44,7 +44,7 @@ LIMITS = np.array([87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0])  # [N m] of the de
 STATE_TIMEOUT = 0.02  # [s] the default of computed_torque
 SLACK = 0.01  # [s] between the last check of the node and the middleware, on a machine that does other things
 RATE = 1000.0  # [1/s] of states
-BURST = 200  # states, half of which are mutated
+BURSTS = (20, 200, 2000)  # states, half of which are mutated, before sound ones again
 PATIENCE = 120.0  # [s] on a machine that does other things
 SETTLED = 20  # commands that are compared
 RAW_PART = 0.2  # of mutated states: their serialized bytes are changed
@@ -83,9 +83,9 @@ class NodeCampaign:
         done = inputs is not None and self.summary.inputs >= inputs
         return done or (seconds is not None and self.summary.seconds >= seconds) or len(self.summary.finds) > 20
 
-    def watch(self, process: psutil.Process, data: bytes) -> None:
-        """Note the memory of a node."""
-        memory = process.memory_info().rss
+    def watch(self, number: int, data: bytes) -> None:
+        """Note the memory of a node by the number of its process."""
+        memory = resident_memory(number)
         self.summary.largest_memory = max(self.summary.largest_memory, memory)
         if memory > MEMORY:
             self.find(f"the node has {memory / 1e6:.0f} MB", data)
@@ -137,8 +137,8 @@ def run_node_requests(
                     request = fill_message(kind.Request(), content["request"])
                 except ValueError:
                     continue
-                process = psutil.Process(processes[content["robot"]].pid)
-                began = sum(process.cpu_times()[:2])
+                process = processes[content["robot"]]
+                began = cpu_time(process.pid)
                 service = f"{namespace}/{content['robot']}/dynamics_server/{content['service']}"
                 summary.inputs += 1
                 try:
@@ -158,17 +158,17 @@ def run_node_requests(
                     summary.kinds["not sent"] += 1
                 except (TimeoutError, AssertionError) as error:
                     campaign.find(f"{type(error).__name__}: {error}", data)
-                if processes[content["robot"]].poll() is not None:
+                if process.poll() is not None:
                     campaign.find("the node has died", data)
                     break
-                elapsed = sum(process.cpu_times()[:2]) - began  # with that of its other threads
+                elapsed = cpu_time(process.pid) - began  # with that of its other threads
                 summary.largest_cpu = max(summary.largest_cpu, elapsed)
                 summary.largest_cpu_per_kilobyte = max(
                     summary.largest_cpu_per_kilobyte, elapsed / max(1.0, len(data) / 1024)
                 )
                 if elapsed > cpu_limit(len(data)) + 1.0:  # compiles models beside
                     campaign.find(f"{elapsed:.1f} s of CPU time", data)
-                campaign.watch(process, data)
+                campaign.watch(process.pid, data)
         finally:
             client.close()
     return summary
@@ -228,12 +228,12 @@ def mutated_state(rng: random.Random, corpus: list[bytes]) -> JointState | bytes
         shift = rng.choice([-1, 1]) * rng.choice([1e3, 1e6, 5e6, 15e6, 25e6, 1e9, 1e12])
         now = stamp["sec"] * 10**9 + stamp["nanosec"] + int(shift)
         content["header"]["stamp"] = {"sec": now // 10**9, "nanosec": now % 10**9}
-    else:
-        content = mutate_tree(content, rng)
-    try:
         return fill_message(JointState(), content)
-    except ValueError:
-        return message
+    while True:
+        try:
+            return fill_message(JointState(), mutate_tree(content, rng))
+        except ValueError:  # no message of this type
+            continue
 
 
 def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, seconds: float | None, seed: int) -> Summary:
@@ -260,8 +260,7 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
 
         thread = threading.Thread(target=spin)
         thread.start()
-        process = psutil.Process(child.pid)
-        recent: deque[bytes] = deque(maxlen=BURST)
+        recent: list[bytes] = []
         try:
             _settle(publisher, watcher, expected, child)
             campaign.start()
@@ -273,11 +272,13 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                     )
                     break
                 summary.comparisons += SETTLED
-                began = sum(process.cpu_times()[:2])
+                began = cpu_time(child.pid)
                 recent.clear()
                 next_time = time.monotonic()
-                for _ in range(BURST):
-                    message = mutated_state(rng, seeds) if rng.random() < 0.5 else clean_state()
+                size = rng.choice(BURSTS)
+                for _ in range(size):
+                    is_mutated = rng.random() < 0.5
+                    message = mutated_state(rng, seeds) if is_mutated else clean_state()
                     if isinstance(message, JointState):
                         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
                         watcher.sent[stamp] = True
@@ -287,12 +288,13 @@ def run_node_states(seeds: list[bytes], folder: Path, inputs: int | None, second
                         continue
                     recent.append(message if isinstance(message, bytes) else serialize_message(message))
                     summary.inputs += 1
+                    summary.kinds["mutated"] += is_mutated
                     next_time += 1 / RATE
                     time.sleep(max(0.0, next_time - time.monotonic()))
-                elapsed = (sum(process.cpu_times()[:2]) - began) / BURST
+                elapsed = (cpu_time(child.pid) - began) / size
                 summary.largest_cpu = max(summary.largest_cpu, elapsed)
                 summary.largest_cpu_per_kilobyte = max(summary.largest_cpu_per_kilobyte, elapsed)
-                campaign.watch(process, b"".join(recent))
+                campaign.watch(child.pid, b"".join(recent))
                 for problem in watcher.problems:
                     campaign.find(problem, b"".join(recent))
                 watcher.problems.clear()

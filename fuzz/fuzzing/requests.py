@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import random
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ try:
 except ImportError:
     pin = None
 
+MOST_ATTEMPTS = 20  # until a mutated request is one that a client can send
 MOST_POINTS = 100_000  # the default of max_points
 COMPARED_POINTS = 3
 LARGEST_VALUE = 1e4  # of states that are compared: rounding errors of others are large
@@ -49,12 +51,19 @@ class RequestTarget:
             self.run(data)
 
     def mutate(self, data: bytes, rng: random.Random, corpus: list[bytes]) -> bytes:
-        """Return a request with other fields, rarely for another service or robot."""
-        content = json.loads(data)
-        if rng.random() < 0.05:
-            key = rng.choice(["service", "robot"])
-            content[key] = json.loads(rng.choice(corpus))[key]
-        return json.dumps({**content, "request": mutate_tree(content["request"], rng)}).encode()
+        """Return a request with other fields, rarely for another service or robot, that a client can send."""
+        for _ in range(MOST_ATTEMPTS):
+            content = json.loads(data)
+            if rng.random() < 0.05:
+                key = rng.choice(["service", "robot"])
+                content[key] = json.loads(rng.choice(corpus))[key]
+            content["request"] = mutate_tree(content["request"], rng)
+            try:
+                self._message(content)
+            except ValueError:
+                continue
+            return json.dumps(content).encode()
+        return data
 
     def run(self, data: bytes) -> Outcome:
         """Carry out a request."""
@@ -62,10 +71,10 @@ class RequestTarget:
         kind, handle = self._services[content["service"]]
         dynamics = self._dynamics(content["robot"])
         try:
-            request = fill_message(kind.Request(), content["request"])
-            request = deserialize_message(serialize_message(request), kind.Request)  # as a node receives it
-        except (ValueError, SystemError):  # rclpy does not send it
+            request = self._message(content)
+        except ValueError:
             return Outcome("no message")
+        request = deserialize_message(serialize_message(request), kind.Request)  # as a node receives it
         response = kind.Response()
         try:
             work = handle(request, response, dynamics, "/")
@@ -90,6 +99,11 @@ class RequestTarget:
             self._peer = self._peer or PandaPeer()
             compared = self._peer.compare(content["service"], request, response)
         return Outcome("compared" if compared else "accepted", content["service"] + content["robot"], compared)
+
+    def _message(self, content: Mapping[str, Any]) -> Any:
+        """The request. Raises ValueError where it is none of its service."""
+        kind, _ = self._services[content["service"]]
+        return fill_message(kind.Request(), content["request"])
 
     def _dynamics(self, name: str) -> Dynamics:
         if name not in self._robots:

@@ -23,6 +23,7 @@ from robot_dynamics.constraints.closure_errors import is_valid, refuse_open
 from robot_dynamics.constraints.closure_procedures import ClosureProcedures
 from robot_dynamics.constraints.closure_step import newton_step
 from robot_dynamics.constraints.constrained_state import charted_state_at, state_at
+from robot_dynamics.constraints.reach import Reach
 from robot_dynamics.constraints.topology import build_topology
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ class ClosureSolver:
         self._topology = build_topology(robot)
         self._tracker = BranchTracker(self._topology, partial(newton_step, self._topology))
         self._programs = programs
+        self._reach = Reach(self._topology)
         self.independent = self._topology.independent
         self.dependent = self._topology.dependent
         self._names = [joint.name for joint in robot.joints]
@@ -112,10 +114,14 @@ class ClosureSolver:
             return self._topology.joint_positions(positions)
         batch = positions.shape[:-1]
         samples = positions.reshape(math.prod(batch), positions.shape[-1])
+        many = name_sample and positions.ndim > 1
         joint_positions = np.empty((len(samples), len(self._names)))
         for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            if block_positions is None:
+                self._reach.refuse_far(samples[numbers], numbers, many)
+                continue
             if result is not None:
-                refuse_open(self._topology, result, numbers, many=name_sample and positions.ndim > 1)
+                refuse_open(self._topology, result, numbers, many)
             joint_positions[numbers] = block_positions
         return joint_positions.reshape(*batch, len(self._names))
 
@@ -135,9 +141,12 @@ class ClosureSolver:
         positions, seed = self._read_positions(q)
         batch = positions.shape[:-1]
         samples = positions.reshape(-1, positions.shape[-1])
-        joint_positions = np.empty((len(samples), len(self._names)))
+        joint_positions = np.tile(self.closed_positions, (len(samples), 1))
         is_closed = np.ones(len(samples), dtype=bool)
         for numbers, block_positions, result in self._solve_blocks(samples, seed):
+            if block_positions is None:
+                is_closed[numbers] = False
+                continue
             joint_positions[numbers] = block_positions
             if result is not None:
                 is_closed[numbers] = is_valid(result)
@@ -203,6 +212,7 @@ class ClosureSolver:
             np.broadcast_to(array, (*batch, array.shape[-1])).reshape(math.prod(batch), array.shape[-1])
             for array in (positions, start, rates)
         ]
+        self._reach.refuse_far(samples[0], range(len(samples[0])), many=bool(batch))
         with self._ready_tracker() as tracker:
             result = tracker.continue_branch(*samples)
             refuse_open(self._topology, result, range(len(samples[0])), many=bool(batch))
@@ -246,11 +256,11 @@ class ClosureSolver:
 
     def _solve_blocks(
         self, samples: Array, seed: Array | None
-    ) -> Iterator[tuple[IntArray, Array, ClosureResult | None]]:
+    ) -> Iterator[tuple[IntArray, Array | None, ClosureResult | None]]:
         """Solve samples (N, n) block by block, with a seed (..., dependent) or None.
 
         Yields numbers (k,) of samples and their positions (k, all joints), with a ClosureResult for those which the
-        procedures leave open.
+        procedures leave open. Samples far out of reach have no positions.
         """
         seeds = None if seed is None else seed.reshape(len(samples), seed.shape[-1])
         for first in range(0, len(samples), BLOCK_SIZE):
@@ -260,6 +270,10 @@ class ClosureSolver:
                 positions, is_closed = closed
                 yield numbers[is_closed], positions[is_closed], None
                 numbers = numbers[~is_closed]
+            is_far = self._reach.is_far(samples[numbers])
+            if is_far.any():
+                yield numbers[is_far], None, None
+                numbers = numbers[~is_far]
             if not len(numbers):
                 continue
             with self._ready_tracker() as tracker:  # ends before the yield: the caller keeps its NumPy error state
@@ -272,6 +286,7 @@ class ClosureSolver:
         seed: (1, dependent) of the first sample, or None.
         """
         before = last[:, self._topology.non_mimic_joints]
+        self._reach.refuse_far(sample[None], [number], many=True)
         with self._ready_tracker() as tracker:
             if number == 0:
                 result = solve_closure(tracker, sample[None], seed)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from robot_dynamics.errors import RecordingError, describe_unknown_name
 from robot_dynamics.optional_packages import import_optional
+from robot_dynamics.recordings.chunk_headers import differing_chunks
 from robot_dynamics.recordings.damaged_bags import (
     MCAP_MAGIC,
     SQLITE_MAGIC,
@@ -202,6 +203,7 @@ class Bag:
             if not connections:
                 return
             try:
+                self._note_chunk_headers(reader.storage)
                 for connection, receive_time, data in reader.messages(connections, begin, end):
                     yield RawMessage(connection.topic, connection.msgtype, receive_time, data)
                     count += 1
@@ -212,6 +214,16 @@ class Bag:
             if begin is None and end is None and count != stated:
                 # `rosbags` leaves messages out that lie outside the times which the index states for their chunk
                 self.add_note(f"{file.name} is damaged: it states {stated} messages, and {count} can be read")
+
+    def _note_chunk_headers(self, storage: Any) -> None:  # of rosbags, which may be missing
+        """Add notes on MCAP files, alone or in a folder, whose chunks have other headers than the index states."""
+        for file in getattr(storage, "storages", [storage]):
+            offsets = differing_chunks(file.bio, file.chunks) if hasattr(file, "chunks") else []
+            if offsets:
+                self.add_note(
+                    f"{file.path.name} is damaged: the header of a chunk differs from the index ({len(offsets)} of "
+                    f"{len(file.chunks)} chunks, first at byte {offsets[0]}): chunks are read as the index states"
+                )
 
     def _topic_counts(self, file: Path) -> list[TopicCount]:
         if file not in self._damaged:

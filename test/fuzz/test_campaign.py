@@ -4,13 +4,17 @@
 once stay there.
 """
 
+import json
 import os
+import random
 import signal
+import time
 
 import pytest
 from fuzzing import campaign
 from fuzzing.campaign import Outcome, read_corpus, run_campaign
 from fuzzing.line_coverage import LineCoverage
+from fuzzing.process_usage import cpu_time, resident_memory
 from fuzzing.targets import CORPUS, make_target
 
 from robot_dynamics import load_robot
@@ -34,6 +38,29 @@ def test_short_campaign_finds_nothing(name, tmp_path):
     assert summary.finds == [], reasons[:3]
     assert summary.inputs == len(seeds) + INPUTS[name] and summary.lines > 500
     assert summary.kinds["compared"] > 0 and summary.kinds["refused"] > 0
+
+
+def test_mutated_requests_can_be_sent():
+    """rclpy checks the ranges of integers only when it serializes a message, with errors of several kinds."""
+    serialization = pytest.importorskip("rclpy.serialization", reason="ROS is not installed")
+    from fuzzing.message_mutations import fill_message
+    from trajectory_msgs.msg import JointTrajectory
+
+    from robot_dynamics.nodes.dynamics_server.node import SERVICES
+
+    for value in (-1, 2**32):
+        with pytest.raises(ValueError, match=f"{value} is no uint32"):
+            fill_message(JointTrajectory(), {"points": [{"time_from_start": {"sec": 0, "nanosec": value}}, {}]})
+    kinds = {name: kind for kind, name, _ in SERVICES}
+    target, seeds, rng = make_target("requests"), read_corpus(CORPUS / "requests"), random.Random(0)
+    changed = 0
+    for _ in range(500):
+        seed = rng.choice(seeds)
+        data = target.mutate(seed, rng, seeds)
+        content = json.loads(data)
+        changed += data != seed
+        serialization.serialize_message(fill_message(kinds[content["service"]].Request(), content["request"]))
+    assert changed > 400  # a mutation may be none, as an empty list in another order
 
 
 class FaultyTarget:
@@ -83,6 +110,14 @@ def test_faults_are_finds_and_the_campaign_goes_on(data, what, tmp_path, monkeyp
     (saved,) = (file for file in (tmp_path / "finds").iterdir() if file.suffix != ".txt")
     assert saved.read_bytes() == data
     assert summary.kinds["accepted"] >= 15
+
+
+def test_usage_of_a_process_is_that_which_the_system_tells_the_process():
+    before, memory = time.process_time(), resident_memory(os.getpid())
+    used = cpu_time(os.getpid())
+    assert before - 0.02 <= used <= time.process_time() + 0.02  # both count the same time, the file in ticks
+    block = bytearray(b"x") * 50_000_000
+    assert len(block) - 5e6 < resident_memory(os.getpid()) - memory < len(block) + 10e6
 
 
 def test_inputs_that_reach_new_lines_are_noticed():

@@ -17,6 +17,7 @@ from robot_dynamics.recordings.decompression import import_zstd
 from robot_dynamics.recordings.sqlite_pages import SqlitePages
 
 rosbag2 = pytest.importorskip("rosbags.rosbag2", reason="rosbags, which reads bags, is not installed")
+mcap = pytest.importorskip("mcap.reader", reason="mcap is not installed")
 MOTION = panda_motion(duration=6.0)
 MODES = rosbag2.CompressionMode
 KINDS = [
@@ -328,4 +329,26 @@ def test_messages_outside_the_times_of_their_chunk_are_noted(tmp_path):
     path.write_bytes(content[:index] + earlier.to_bytes(8, "little") + content[index + 8 :])
     bag = Bag(path)
     assert len(positions(bag)) == 100
-    assert bag.notes == [f"{path.name} is damaged: it states {len(MOTION.times)} messages, and 100 can be read"]
+    assert bag.notes[-1] == f"{path.name} is damaged: it states {len(MOTION.times)} messages, and 100 can be read"
+
+
+@pytest.mark.parametrize(
+    ("place", "value"),
+    [(1, bytes(8)), (9, bytes(8)), (17, bytes(8)), (25, bytes(8)), (37, b"\x03"), (41, b"\x00std"), (45, bytes(8))],
+    ids=["length", "first time", "last time", "unpacked size", "length of name", "compression", "packed size"],
+)
+def test_header_of_a_chunk_that_differs_from_the_index_is_noted(tmp_path, place, value):
+    """The package `mcap` reads chunks as their headers state, without a word: of an unknown compression none."""
+    folder = write_bag(tmp_path / "run", messages(MOTION), "mcap", MODES.STORAGE)
+    path = storage_file(folder)
+    content = path.read_bytes()
+    with path.open("rb") as file:
+        chunk = mcap.make_reader(file).get_summary().chunk_indexes[0].chunk_start_offset + place
+    path.write_bytes(content[:chunk] + value + content[chunk + len(value) :])
+    for source in (path, folder):
+        bag = Bag(source)
+        assert np.array_equal(positions(bag), MOTION.q)
+        assert [note for note in bag.notes if "header of a chunk" in note], bag.notes
+    if place == 41:
+        with path.open("rb") as file:
+            assert list(mcap.make_reader(file).iter_messages()) == []
