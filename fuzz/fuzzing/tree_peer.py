@@ -123,7 +123,10 @@ def read_urdf_tree(text: str) -> Tree:
         model = pin.buildModelFromXML(text)
     except Exception as error:
         raise NotCovered(f"Pinocchio: {error}") from None
-    return Tree(model, {model.names[number]: model.joints[number].idx_v for number in range(1, model.njoints)})
+    rows = {}
+    for number in range(1, model.njoints):  # line breaks and tabs in attributes are spaces in XML, not in Pinocchio
+        rows[re.sub(r"\r\n|[\r\n\t]", " ", model.names[number])] = model.joints[number].idx_v
+    return Tree(model, rows)
 
 
 def read_table_tree(text: str) -> Tree:

@@ -82,6 +82,9 @@ BAD = {
     ),
     "inertia with a prefix that is not declared": (changed("<inertia ", "<my:inertia "), "is in a <inertial>"),
     "prefix that is not declared and a crossed tag": (changed(JOINT, JOINT + "<a:b></a:c>"), "not well-formed"),
+    "root with a prefix that is not declared": ("<my:sdf>" + GOOD + "</my:sdf>", "root element is <my:sdf>"),
+    "root of a long name": (f"<{'s' * 5000}/>", "root element is <sss.*…s*>"),
+    "long instruction": (f"<?{'x' * 5000}", "not well-formed XML: .*…x*.*line 1, column"),
     "no link": ('<robot name="r"/>', "no <link>"),
     "link without name": (changed('<link name="a"/>', "<link/>"), "line 2: this <link> has no name"),
     "two links of a name": (changed('<link name="b">', '<link name="a">'), "'a' is already defined at line 2"),
@@ -176,8 +179,9 @@ BAD = {
 @pytest.mark.parametrize("case", BAD)
 def test_malformed_urdf_is_refused_with_a_reason(case):
     text, reason = BAD[case]
-    with pytest.raises(DescriptionError, match=reason):
+    with pytest.raises(DescriptionError, match=reason) as refusal:
         read_urdf(text)
+    assert len(str(refusal.value)) < 500
 
 
 LEFT_OVER = {

@@ -22,6 +22,7 @@ USED_ELEMENTS = {
 }
 USED_TAGS = tuple({tag for tags in USED_ELEMENTS.values() for tag in tags})
 XINCLUDE = "http://www.w3.org/2001/XInclude"
+MAX_QUOTED_LENGTH = 200  # characters of a text in an error; names may have any length
 UNEXPANDED = "is xacro. Expand it first: xacro robot.urdf.xacro > robot.urdf"
 UNDECLARED = "its prefix is not declared. A URDF needs none: remove it"
 # elements of xacro itself: they show a text that was not expanded; others are calls of unknown macros
@@ -78,17 +79,23 @@ def parse_urdf_text(text: str | bytes, source: object, warnings: LineWarnings) -
     try:
         root = parse_xml(text.encode("utf-8"))
     except (etree.XMLSyntaxError, ValueError) as error:
-        raise DescriptionError(f"{source} is not well-formed XML: {error}") from None
+        raise DescriptionError(f"{source} is not well-formed XML: {_shorten(str(error))}") from None
     if root.tag != "robot":
         if unexpanded_name(root) == "xacro:robot":
             raise DescriptionError(f"{source}: the root element <xacro:robot> {UNEXPANDED}")
-        if etree.QName(root).namespace is not None and etree.QName(root).localname == "robot":
+        if root.tag.startswith("{") and local_name(root) == "robot":
             raise DescriptionError(f"{source}: <robot> has a namespace of its own. Remove its attribute xmlns")
-        raise DescriptionError(f"{source}: the root element is <{root.tag}>, a URDF has <robot>")
+        raise DescriptionError(f"{source}: the root element is <{_shorten(root.tag)}>, a URDF has <robot>")
     refuse_includes(root, source)
     refuse_xacro_expressions(root, source)
     check_unexpanded_elements(root, source, warnings)
     return root
+
+
+def _shorten(text: str) -> str:
+    """The beginning and the end of a long text, where an error of the parser has the line."""
+    half = MAX_QUOTED_LENGTH // 2
+    return text if len(text) <= MAX_QUOTED_LENGTH else f"{text[:half]}…{text[-half:]}"
 
 
 def parse_xml(text: bytes) -> Element:
