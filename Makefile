@@ -60,7 +60,7 @@ quick: venv  ## run the tests that need no ROS and are fast, in under two minute
 
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
 	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
-	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not reference" --ignore test/nodes
+	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not reference" --ignore test/nodes --ignore test/docs --ignore test/fuzz
 	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(JAZZY_NODES:%=test/nodes/test_%.py)
 
 demo:  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags; .venv gets no test packages
