@@ -72,8 +72,7 @@ def run(arguments: Namespace) -> None:
     viewer = Viewer(robot, port=arguments.port, motion=motion, packages=packages)
     try:
         print_warnings(arguments.robot, viewer.view.warnings)
-        print(f"{robot.name} is at {viewer.url} until Ctrl-C", flush=True)
-        _wait_for_end()
+        _wait_for_end(f"{robot.name} is at {viewer.url} until Ctrl-C")
     finally:
         viewer.close()
 
@@ -95,8 +94,11 @@ def print_warnings(robot: str, warnings: Iterable[str]) -> None:
         print(f"WARNING: {robot}: {warning}", file=sys.stderr)
 
 
-def _wait_for_end() -> None:
-    """Wait until the user or the system ends the program: how a viewer ends, and no error."""
+def _wait_for_end(message: str) -> None:
+    """Print a message, and wait until the user or the system ends the program: how a viewer ends, and no error."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     with suppress(KeyboardInterrupt):
+        print(message, flush=True)
         signal.pause()
+    for ending in (signal.SIGTERM, signal.SIGINT):  # another one must not interrupt the closing
+        signal.signal(ending, signal.SIG_IGN)

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import urllib.request
+from contextlib import suppress
 
 import pytest
 
@@ -51,6 +52,9 @@ def test_page_is_served_on_this_machine_until_an_interruption(ending):
         url = re.search(r"http://127\.0\.0\.1:\d+", line)[0]
         with urllib.request.urlopen(url, timeout=10) as page:
             assert page.status == 200
+        process.send_signal(ending)
+        with suppress(subprocess.TimeoutExpired):  # one more while it closes
+            process.wait(0.1)
         process.send_signal(ending)
         _, errors = process.communicate(timeout=30)
     finally:
