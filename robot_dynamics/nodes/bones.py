@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from robot_dynamics.model.placement import invert_placement
+from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
 from robot_dynamics.model.visual import CylinderShape, SphereShape, Visual
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ def _points_on_link(robot: Robot, number: int) -> Iterator[Array]:
     """Yield points (3,) in the frame of a link at which it is joined to others, or else its centre of mass."""
     ends = [end.placement for loop in robot.loops for end in loop.ends if end.link == number]
     joints = [joint.placement for joint in robot.joints if joint.antecedent == number]
-    for placement in [*joints, *ends]:
-        yield np.asarray(placement[:3, 3], dtype=float)
+    for matrix in [*joints, *ends]:
+        yield np.asarray(matrix[:3, 3], dtype=float)
     inertia = robot.links[number].inertia
     if not ends and not joints and inertia.mass > 0:
         yield np.asarray(inertia.first_moments / inertia.mass, dtype=float)
@@ -61,22 +61,9 @@ def _bones(robot: Robot, number: int, points: list[Array], radius: float) -> Ite
         length = float(np.linalg.norm(point))
         if length > radius:
             yield Visual(name, to_named @ _along(point), CylinderShape(radius, length), colour)
-        yield Visual(name, to_named @ _at(point), SphereShape(BALL * radius), BALL_COLOUR)
-
-
-def _at(point: Array) -> Array:
-    """Return a placement (4, 4) at a point (3,)."""
-    placement = np.eye(4)
-    placement[:3, 3] = point
-    return placement
+        yield Visual(name, to_named @ placement(translation=point), SphereShape(BALL * radius), BALL_COLOUR)
 
 
 def _along(point: Array) -> Array:
     """Return the placement (4, 4) of a cylinder from the origin to a point (3,), which is not zero."""
-    z = point / np.linalg.norm(point)
-    least = np.eye(3)[int(np.argmin(np.abs(z)))]
-    x = np.cross(least, z)
-    x /= np.linalg.norm(x)
-    placement = _at(point / 2)
-    placement[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    return placement
+    return placement(rotation_with_z_along(point), point / 2)

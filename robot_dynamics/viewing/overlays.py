@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import trimesh
 
-from robot_dynamics.model.mdh import mdh_from_placement
+from robot_dynamics.model.mdh import mdh_from_placement, placement_from_mdh
 from robot_dynamics.model.placement import placement, to_scipy_rotation
 from robot_dynamics.viewing.scene import node_name
 
@@ -134,19 +134,11 @@ def mdh_corners(matrix: Array) -> Array:
     corners = [np.zeros(3)]
     start = np.eye(4)
     for row in mdh_from_placement(matrix):
-        about_z = start @ placement(_rotation("z", row.gamma), [0.0, 0.0, row.b])
-        corners.append(about_z[:3, 3])
-        about_x = about_z @ placement(_rotation("x", row.alpha), [row.d, 0.0, 0.0])
-        corners.append(about_x[:3, 3])
-        start = about_x @ placement(_rotation("z", row.theta), [0.0, 0.0, row.r])
+        along_z = row._replace(alpha=0.0, d=0.0, theta=0.0, r=0.0)
+        along_x = row._replace(theta=0.0, r=0.0)
+        corners += [(start @ placement_from_mdh(part))[:3, 3] for part in (along_z, along_x)]
+        start = start @ placement_from_mdh(row)
     return np.array(corners)
-
-
-def _rotation(axis: str, angle: float) -> Array:
-    c, s = np.cos(angle), np.sin(angle)
-    if axis == "z":
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def mdh_text(robot: Robot, index: int) -> str:
@@ -299,11 +291,9 @@ class EffortOverlay:
             thickness=0.9 * radius,
             visible=False,
         )
-        self.is_visible = False
 
     def show(self, is_visible: bool) -> None:
         """Show or hide it."""
-        self.is_visible = is_visible
         self._lines.visible = is_visible
 
     def update(self, configuration: Configuration, link_poses: Array) -> None:

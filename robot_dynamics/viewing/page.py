@@ -56,6 +56,7 @@ def robot_page(
     server = make_server(robot.name, 0, HOST)
     try:
         view = RobotView(server, robot, packages)
+        view.draw_efforts()
         frame_camera(server, view.bounds)
         motion = sweep_joints(view.configuration, view.extent) if motion is None else motion
         recorder = server.get_scene_serializer()

@@ -126,9 +126,9 @@ class StatusPanel:
     def _show_problem(self) -> None:
         self._message.content = escape_markdown(self._view.configuration.problem)
 
-    def _show_efforts(self, efforts: Array) -> None:
+    def _show_efforts(self, efforts: Array, is_singular: bool) -> None:
         configuration = self._view.configuration
-        if configuration.is_singular and not configuration.problem:
+        if is_singular and not configuration.problem:
             self._message.content = "The loops are singular here, or nearly so."
         rows = []
         for index, effort in zip(configuration.independent, efforts, strict=True):

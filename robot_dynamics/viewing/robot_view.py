@@ -57,7 +57,8 @@ class RobotView:
     external_wrenches : dict of str to ndarray
         Wrenches (6,) on links that the efforts counter [N, N m], in the link frames.
     on_move, on_efforts : list of callable
-        Called after the robot moved, and with new efforts (n,) of the independent joints.
+        Called after the robot moved, and with new efforts (n,) of the independent joints and whether the robot is drawn
+        red.
     """
 
     def __init__(self, server: ViserServer, robot: Robot, packages: Mapping[str, Path] | None = None) -> None:
@@ -65,7 +66,7 @@ class RobotView:
         self.configuration = Configuration(robot)
         self.external_wrenches: dict[str, Array] = {}
         self.on_move: list[Callable[[], None]] = []
-        self.on_efforts: list[Callable[[Array], None]] = []
+        self.on_efforts: list[Callable[[Array, bool], None]] = []
         self._server = server
         bodies, self.warnings = robot_bodies(robot, self.configuration.q, packages)
         self.bounds = self._bounds(bodies)
@@ -82,7 +83,6 @@ class RobotView:
         ]
         self.tasks = LatestTask(self.draw_efforts)
         self.draw()
-        self.draw_efforts()
 
     def move(self, motion: Callable[[Configuration], bool]) -> None:
         """Move the robot soon, and draw it; a motion that waits is replaced.
@@ -121,7 +121,7 @@ class RobotView:
             self._efforts.draw(efforts, self.configuration.link_poses())
             self.scene.mark_singular(is_singular)
         for callback in self.on_efforts:
-            callback(efforts)
+            callback(efforts, is_singular)
         self._server.flush()
 
     def close(self) -> None:

@@ -62,7 +62,7 @@ class Viewer:
             raise
         frame_camera(self.server, self.view.bounds)
         gui = self.server.gui
-        self.panels = [StatusPanel(gui, self.view)]
+        StatusPanel(gui, self.view)
         self.platform_panels = [
             PlatformPanel(gui, self.view, link, platform.free)
             for link, platform in zip(robot.platform_links, robot.platforms, strict=True)
