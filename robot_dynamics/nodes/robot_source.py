@@ -116,6 +116,8 @@ class RobotSource:
     worker : loads descriptions; it must have one thread. None: a worker of its own.
     require_changeable : called with the name of a parameter before its change is prepared; raises InvalidInputError if
         it cannot change in the present state of the node.
+    on_loaded : called with each new Dynamics where it is loaded, in the worker while the node runs, before it is used:
+        for what the node needs of the robot and takes long.
 
     Attributes
     ----------
@@ -128,8 +130,10 @@ class RobotSource:
         on_new_robot: Callable[[Dynamics], None] | None = None,
         worker: Executor | None = None,
         require_changeable: Callable[[str], None] | None = None,
+        on_loaded: Callable[[Dynamics], None] | None = None,
     ) -> None:
         self._node = node
+        self._on_loaded = on_loaded
         self._on_new_robot = on_new_robot
         self._worker = worker or ThreadPoolExecutor(1, thread_name_prefix="robot")
         self._require_changeable = require_changeable
@@ -247,6 +251,8 @@ class RobotSource:
         dynamics = Dynamics(loaded)
         if robot.is_massless:
             self._massless.add(dynamics)
+        if self._on_loaded is not None:
+            self._on_loaded(dynamics)
         return dynamics
 
     def _adopt(self, dynamics: Dynamics | None) -> None:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from geometry_msgs.msg import Twist, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import SetParametersResult
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import (
         SimulationSetup,
     )
+    from robot_dynamics.nodes.parameters import ParameterValues
 
 LONG_STANDSTILL = 1.0  # [s] without efforts, after which a simulation that waits for them is a warning
 TICK = 0.001  # [s] between two checks whether steps are due
@@ -62,6 +64,14 @@ class Candidate:
 
     setup: SimulationSetup
     restarts: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSetup:
+    """What `build_simulation` has made of parameters and a robot: a setup, or why there is none."""
+
+    values: ParameterValues
+    outcome: SimulationSetup | RobotDynamicsError
 
 
 class MobileBaseSimulator(Node):
@@ -88,7 +98,8 @@ class MobileBaseSimulator(Node):
         self._commands_timed_out = False
         declare_parameters(self, PARAMETERS)
         self._values = read_parameters(self, PARAMETERS)
-        self._robot = RobotSource(self)
+        self._prepared: WeakKeyDictionary[Dynamics, PreparedSetup] = WeakKeyDictionary()
+        self._robot = RobotSource(self, on_loaded=self._prepare_simulation)
         self._clock_monitor = ClockMonitor(self)
         self._other_publishers = OtherPublishers(self, self._state_topics)
         self._loop = SimulationLoop(self, self._values)
@@ -145,10 +156,32 @@ class MobileBaseSimulator(Node):
             return
         self._dynamics = self._robot.dynamics
         try:
-            self._simulate(self._candidate or Candidate(build_simulation(self._values, self._dynamics.robot), False))
+            self._simulate(self._candidate or Candidate(self._setup(self._dynamics), False))
         except RobotDynamicsError as error:
             self._loop.stop(str(error))
             self.get_logger().error(f"not simulated: {error}")
+
+    def _prepare_simulation(self, dynamics: Dynamics) -> None:
+        """Build the simulation of a robot that is not yet used: compiling it can take seconds."""
+        values = dict(self._values)
+        outcome: SimulationSetup | RobotDynamicsError
+        try:
+            outcome = build_simulation(values, dynamics.robot)
+        except RobotDynamicsError as error:
+            outcome = error
+        self._prepared[dynamics] = PreparedSetup(values, outcome)
+
+    def _setup(self, dynamics: Dynamics) -> SimulationSetup:
+        """Return the setup that was prepared, or a new one if parameters have changed since.
+
+        A setup is used once: the simulation in it moves. Raises RobotDynamicsError.
+        """
+        prepared = self._prepared.pop(dynamics, None)
+        if prepared is None or prepared.values != self._values:
+            return build_simulation(self._values, dynamics.robot)
+        if isinstance(prepared.outcome, RobotDynamicsError):
+            raise prepared.outcome
+        return prepared.outcome
 
     def _simulate(self, candidate: Candidate) -> None:
         self._candidate = None
