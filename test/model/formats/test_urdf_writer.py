@@ -316,7 +316,9 @@ def test_long_list_of_losses_is_cut_in_the_error_and_complete_in_the_comment():
 
 ODD_NAMES = ["a\nb", "\ta", "a\r\n", " ", " a  b ", "a--b---", "<!DOCTYPE -->", "\"&amp;'", "🤖", "{j}", "tip_fixed"]
 ANY_TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"], exclude_characters="\ufffe\uffff"), min_size=1)
-NAMES = st.sampled_from(ODD_NAMES) | ANY_TEXT
+NAMES = st.sampled_from([*ODD_NAMES, "$", "$x{(", "{$"]) | ANY_TEXT.filter(
+    lambda name: "${" not in name and "$(" not in name
+)
 
 
 @pytest.mark.slow
@@ -337,6 +339,9 @@ REFUSED = {
 for name in ("", "a\0", "a\x1b[0m", "\ud800", "\uffff", "a\x0b", 7):
     REFUSED[f"joint {name!r}"] = one_joint(name=name), "joint .*(XML has no character|a text is needed)"
     REFUSED[f"link {name!r}"] = one_joint(link=name), "link .*(XML has no character|a text is needed)"
+for name in ("${j}", "$(", "a$(arg b)"):
+    REFUSED[f"joint {name!r}"] = one_joint(name=name), "joint .* begins an expression of xacro"
+    REFUSED[f"link {name!r}"] = one_joint(link=name), "link .* begins an expression of xacro"
 
 
 @pytest.mark.parametrize("case", REFUSED)

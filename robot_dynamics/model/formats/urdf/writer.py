@@ -16,6 +16,7 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.urdf.document import XACRO_EXPRESSION
 from robot_dynamics.model.formats.urdf.visual_writer import add_visual, list_numbers, list_texts
 from robot_dynamics.model.formats.urdf.written_numbers import insert_origin, write_number, write_vector
 from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
@@ -86,7 +87,10 @@ def write_urdf(robot: Robot, *, lossy: bool = False) -> str:
 
 
 def _check_names(robot: Robot) -> None:
-    """Raise DescriptionError for names with characters that XML lacks; only the robot's own name may be empty."""
+    """Raise DescriptionError for names with characters that XML lacks, and for those that are expressions of xacro.
+
+    Only the robot's own name may be empty.
+    """
     names = [("robot", robot.name)]
     names += [("joint", joint.name) for joint in robot.joints]
     names += [("link", frame.name) for frame in robot.frames]
@@ -95,6 +99,8 @@ def _check_names(robot: Robot) -> None:
             raise DescriptionError(f"{kind} {name!r}: a text is needed as its name")
         if match := UNWRITABLE.search(name):
             raise DescriptionError(f"{kind} {name!r}: XML has no character {match.group()!r}. Change the name")
+        if match := XACRO_EXPRESSION.search(name):
+            raise DescriptionError(f"{kind} {name!r}: {match.group()!r} begins an expression of xacro. Change the name")
     for visual in robot.visuals:
         for text in list_texts(visual):
             if match := UNWRITABLE.search(text):
