@@ -1,6 +1,7 @@
 """`Dynamics` of robots with loops, against independent references: multipliers on maximal coordinates, closed forms of
 planar linkages, Pinocchio's constrained dynamics, and the laws of work."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from robot_dynamics.model.joint import Mimic, Spring
 from robot_dynamics.model.minimal_frames import minimal_frames
 from robot_dynamics.model.robot import Frame
 
+PROGRAM_STATES = int(os.environ.get("PROGRAM_STATES", "12"))
 LINKAGES = {"four_bar": random_four_bar, "five_bar": random_five_bar}
 
 
@@ -169,7 +171,7 @@ def test_terms_add_up_to_the_inverse_model(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(25))
+@pytest.mark.parametrize("seed", range(PROGRAM_STATES))
 def test_compiled_programs_agree_with_the_recursions(seed):
     random_state = RandomState(seed, base_is_prescribed=seed % 2 > 0)
     dynamics, q, qd = random_state.dynamics, random_state.q, random_state.qd[random_state.independent]

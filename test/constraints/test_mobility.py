@@ -203,13 +203,13 @@ def test_positions_beyond_a_singular_position_keep_the_mode_or_are_refused():
     """A parallelogram may cross where all links are on one line: positions beyond keep its mode, or are refused."""
     dynamics = Dynamics(load_robot(ARM), compiled=False)
     refusals = 0
-    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (300, 2)):
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (100, 2)):
         try:
             assert mode_deviation(dynamics.expand_positions(q)) < 1e-9
         except SingularModelError as error:
             assert "another assembly mode" in str(error) or "is singular" in str(error)
             refusals += 1
-    assert 100 < refusals < 200  # samples beyond the singular position
+    assert 33 < refusals < 67  # samples beyond the singular position
 
 
 @pytest.mark.parametrize("samples", [20, 50, 200, 201, 1000])

@@ -25,7 +25,7 @@ from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
 pytestmark = pytest.mark.slow
 
 TOLERANCE = 1e-9
-TREES = int(os.environ.get("RANDOM_TREES", "200"))  # of each kind
+TREES = int(os.environ.get("RANDOM_TREES", "50"))  # of each kind
 
 
 def relative_error(actual, expected):
