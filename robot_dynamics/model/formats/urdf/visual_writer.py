@@ -22,9 +22,10 @@ def add_visual(link: Element, visual: Visual) -> None:
         element.set("name", visual.name)
     _add_shape(etree.SubElement(element, "geometry"), visual.shape)
     if visual.colour is not None:
-        # a material without a name is that of this visual alone
-        material = etree.SubElement(element, "material", name="")
-        etree.SubElement(material, "color", rgba=write_vector(visual.colour))
+        # RViz finds the colour of a shape by its name on the link: one without a name has that of the first shape
+        rgba = write_vector(visual.colour)
+        material = etree.SubElement(element, "material", name=f"rgba {rgba}")
+        etree.SubElement(material, "color", rgba=rgba)
     insert_origin(element, visual.placement, min(1.0, float(np.abs(visual.placement[:3, 3]).max())))
 
 
