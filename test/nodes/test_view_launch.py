@@ -65,41 +65,6 @@ def test_urdf_is_shown_as_it_is_with_its_shapes(tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["four_bar", "delta", "gough_stewart", "navaro"])
-def test_rods_meet_where_loops_close(name):
-    """In Pinocchio, at another pose: rods of both links end at each cut joint."""
-    dynamics = Dynamics(load_robot(name), compiled=False)
-    start = dynamics.initial_joint_positions
-    motors = start[[dynamics.robot.joint_numbers[joint] for joint in dynamics.joint_names]]
-    q = dynamics.expand_positions(motors + 0.05 * np.cos(np.arange(len(motors))), previous=start)
-    text = viewed_urdf(name)
-    urdf = CutUrdf(dynamics.robot, text)
-    urdf.move(dict(zip(dynamics.all_joint_names, q, strict=True)))
-    tips = tips_of_rods(urdf, text)
-    for loop in dynamics.robot.loops:
-        for end in loop.ends:
-            link = dynamics.robot.links[end.link].name
-            goal = urdf.end_pose(end)[:3, 3]
-            origin = (urdf.pose(link) @ np.linalg.inv(dynamics.robot.frame(link).placement))[:3, 3]
-            if np.linalg.norm(goal - origin) > 0.1 * dynamics.robot.characteristic_length:
-                assert min(np.linalg.norm(tip - goal) for tip in tips[link]) < 1e-9
-                assert min(np.linalg.norm(tip - origin) for tip in tips[link]) < 1e-9
-
-
-def tips_of_rods(urdf, text):
-    """{link: both ends (3,) of each cylinder in the base}, by Pinocchio."""
-    geometry = pinocchio.buildGeomFromUrdfString(urdf.model, text, pinocchio.GeometryType.VISUAL)
-    tips = {}
-    for shape in geometry.geometryObjects:
-        if not shape.name or not hasattr(shape.geometry, "halfLength"):
-            continue
-        link = urdf.model.frames[shape.parentFrame].name
-        placement = urdf.data.oMi[shape.parentJoint] * shape.placement
-        for side in (-1, 1):
-            tips.setdefault(link, []).append(placement.act(np.array([0, 0, side * shape.geometry.halfLength])))
-    return tips
-
-
 def test_arguments_choose_what_is_started(tmp_path):
     nodes, context = launched_nodes("robot:=none", "rviz:=false", "namespace:=left")
     assert set(nodes) == {"robot_dynamics"}

@@ -1,4 +1,7 @@
-"""Visuals of a robot to elements <visual>, which `read_visuals` reads back as the same visuals."""
+"""Visuals of a robot to elements <visual>, which `read_visuals` reads back as the same visuals.
+
+A hull, which URDF has not, is written as the primitives of `hull_primitives`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.model.formats.urdf.written_numbers import insert_origin, write_number, write_vector
-from robot_dynamics.model.visual import BoxShape, CylinderShape, MeshShape, SphereShape
+from robot_dynamics.model.visual import BoxShape, CylinderShape, HullShape, MeshShape, SphereShape
 
 if TYPE_CHECKING:
     from robot_dynamics.model.formats.urdf.document import Element
@@ -38,10 +41,12 @@ def _add_shape(geometry: Element, shape: Shape) -> None:
         etree.SubElement(geometry, "cylinder", radius=radius, length=length)
     elif isinstance(shape, SphereShape):
         etree.SubElement(geometry, "sphere", radius=write_number(shape.radius))
-    else:
+    elif isinstance(shape, MeshShape):
         mesh = etree.SubElement(geometry, "mesh", filename=shape.file)
         if not np.array_equal(shape.scale, np.ones(3)):
             mesh.set("scale", write_vector(shape.scale))
+    else:
+        raise TypeError("URDF has no hull: write its primitives")
 
 
 def list_numbers(visual: Visual) -> tuple[object, ...]:
@@ -51,6 +56,8 @@ def list_numbers(visual: Visual) -> tuple[object, ...]:
         sizes: tuple[object, ...] = (shape.radius, shape.length)
     elif isinstance(shape, SphereShape):
         sizes = (shape.radius,)
+    elif isinstance(shape, HullShape):
+        sizes = (shape.points, shape.radius)
     else:
         sizes = (shape.size if isinstance(shape, BoxShape) else shape.scale,)
     return (visual.placement, *sizes, *(visual.colour or ()))
