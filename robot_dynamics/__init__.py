@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.simulation import Simulation
     from robot_dynamics.simulation.simulation_state import SimulationState
     from robot_dynamics.simulation.wheels import Wheel
+    from robot_dynamics.viewing.skeleton import add_skeleton
 
 __all__ = [
     "Base",
@@ -70,6 +71,7 @@ __all__ = [
     "SingularModelError",
     "Spring",
     "Wheel",
+    "add_skeleton",
     "compute_base_parameters",
     "frequency_map",
     "load_robot",
@@ -105,6 +107,7 @@ _MODULES = {
     "SimulationState": "simulation.simulation_state",
     "Spring": "model.joint",
     "Wheel": "simulation.wheels",
+    "add_skeleton": "viewing.skeleton",
     "compute_base_parameters": "identification.base_parameters",
     "frequency_map": "flexible.frequency_map",
     "load_robot": "model.loading",

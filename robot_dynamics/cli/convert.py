@@ -3,6 +3,8 @@
 The robot stays the same. Properties that the target format cannot express are errors, or are left out and listed with
 --lossy. From a table only the robot is kept: parameters and expressions become numbers, fixed rows are merged into
 their links, and comments are dropped.
+
+A URDF shows in RViz: a robot without visual shapes is drawn with rods and joint symbols.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -43,6 +46,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--lossy", action="store_true", help="leave out properties that the format cannot express, and list them"
     )
+    parser.add_argument(
+        "--no-visuals", action="store_true", help="write a URDF without visual shapes; neither keep nor draw any"
+    )
 
 
 def run(arguments: Namespace) -> None:
@@ -50,14 +56,17 @@ def run(arguments: Namespace) -> None:
     target = Path(arguments.target)
     ending = check_ending(target, WRITERS)
     robot = load_robot_argument(arguments)
+    if ending == ".urdf":
+        robot = _with_visuals(robot, arguments)
     text = WRITERS[ending](robot, arguments.lossy)
     write_text(target, text)
     print(f"{target}: robot {robot.name!r}, {len(robot.joints)} joints, {len(robot.frames)} frames")
     for omission in OMISSIONS.get(ending, lambda robot: [])(robot):
         print(f"left out: {omission}", file=sys.stderr)
     if ending == ".urdf":
+        shapes = "" if arguments.no_visuals else " and visual shapes"
         print(
-            "note: the URDF has what the dynamics need and visual shapes, without collision shapes, transmissions and "
+            f"note: the URDF has what the dynamics need{shapes}, without collision shapes, transmissions and "
             "elements of simulators",
             file=sys.stderr,
         )
@@ -68,3 +77,12 @@ def run(arguments: Namespace) -> None:
             "--snap makes them parallel",
             file=sys.stderr,
         )
+
+
+def _with_visuals(robot: Robot, arguments: Namespace) -> Robot:
+    """Return the robot with the shapes that its URDF has."""
+    if arguments.no_visuals:
+        return replace(robot, visuals=())
+    from robot_dynamics.viewing.skeleton import add_skeleton  # here, because other formats do not need it
+
+    return add_skeleton(robot)

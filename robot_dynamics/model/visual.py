@@ -71,7 +71,25 @@ class MeshShape:
     folder: Path | None
 
 
-Shape: TypeAlias = BoxShape | CylinderShape | SphereShape | MeshShape
+@dataclass(frozen=True, eq=False)
+class HullShape:
+    """The convex hull of balls: a rod with round ends for two points, a plate for three or more.
+
+    Formats without such a shape have the primitives of `hull_primitives` in its place.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Centres of the balls [m].
+    radius : float
+        Radius of the balls [m].
+    """
+
+    points: Array
+    radius: float
+
+
+Shape: TypeAlias = BoxShape | CylinderShape | SphereShape | MeshShape | HullShape
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +102,7 @@ class Visual:
         Name of the frame.
     placement : (4, 4) array
         Placement of the shape in that frame.
-    shape : BoxShape, CylinderShape, SphereShape or MeshShape
+    shape : BoxShape, CylinderShape, SphereShape, MeshShape or HullShape
         The shape.
     colour : tuple of float or None
         Red, green, blue and opacity, each from 0 to 1; None where the description has no colour of its own.

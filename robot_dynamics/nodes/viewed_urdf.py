@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.formats.urdf.writer import write_urdf
 from robot_dynamics.model.loading import is_urdf, read_description, read_robot
-from robot_dynamics.nodes.bones import with_bones
+from robot_dynamics.viewing.skeleton import add_skeleton
 
 if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
@@ -17,8 +17,9 @@ if TYPE_CHECKING:
 def viewed_urdf(description: str) -> str:
     """Return the text of a URDF in which loops are cut, and the base link is the root.
 
-    A URDF with shapes and a fixed base stays as it is. Robots without shapes get rods. robot_state_publisher takes a
-    floating joint for a fixed one: a base that moves has no joint here, since its pose comes on /tf.
+    A URDF with shapes and a fixed base stays as it is. Robots without shapes get bones and joint
+    symbols. robot_state_publisher takes a floating joint for a fixed one: a base that moves has no joint here, since
+    its pose comes on /tf.
 
     Parameters
     ----------
@@ -33,8 +34,7 @@ def viewed_urdf(description: str) -> str:
     robot = read_robot(text, source=source)
     if is_urdf(text) and robot.visuals and not robot.moving_base:
         return decode_urdf(text, source)
-    shaped = robot if robot.visuals else with_bones(robot)
-    return write_urdf(replace(shaped, moving_base=False), lossy=True)
+    return write_urdf(replace(add_skeleton(robot), moving_base=False), lossy=True)
 
 
 def view_frame(robot: Robot) -> str:

@@ -10,18 +10,20 @@ import trimesh
 from robot_dynamics.model.visual import BoxShape, CylinderShape, MeshShape, SphereShape
 from robot_dynamics.viewing.body import LINK_COLOUR, Body
 from robot_dynamics.viewing.mesh_loading import load_visual_meshes
-from robot_dynamics.viewing.skeleton import SEGMENTS, Skeleton
+from robot_dynamics.viewing.skeleton import Skeleton
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from trimesh import Trimesh
 
     from robot_dynamics.array_types import Array
     from robot_dynamics.model.robot import Robot
-    from robot_dynamics.model.visual import Shape
+    from robot_dynamics.model.visual import HullShape, Shape, Visual
     from robot_dynamics.viewing.body import Colour
+
+SEGMENTS = 40  # of a circle
 
 
 def robot_bodies(
@@ -45,8 +47,14 @@ def robot_bodies(
         A sentence for each mesh that is missing or refused.
     """
     meshes, warnings = load_visual_meshes(robot, packages)
+    bodies = _draw(robot, robot.visuals, meshes)
+    return bodies or _draw(robot, Skeleton(robot, q).visuals(), {}), warnings
+
+
+def _draw(robot: Robot, visuals: Sequence[Visual], meshes: Mapping[int, Trimesh]) -> list[Body]:
+    """Return the shapes of visuals; meshes: those that were loaded, by the index of their visual."""
     bodies = []
-    for number, visual in enumerate(robot.visuals):
+    for number, visual in enumerate(visuals):
         mesh = _mesh(visual.shape, meshes.get(number))
         if mesh is None:
             continue
@@ -54,7 +62,7 @@ def robot_bodies(
         mesh.apply_transform(frame.placement @ visual.placement)
         colour, opacity = _colour(visual.colour, mesh)
         bodies.append(Body(visual.name or visual.frame, frame.link, mesh, colour, opacity))
-    return bodies or Skeleton(robot, q).bodies(), warnings
+    return bodies
 
 
 def _mesh(shape: Shape, loaded: Trimesh | None) -> Trimesh | None:
@@ -67,11 +75,19 @@ def _mesh(shape: Shape, loaded: Trimesh | None) -> Trimesh | None:
     elif isinstance(shape, BoxShape):
         mesh = trimesh.creation.box(shape.size)
     elif isinstance(shape, CylinderShape):
-        mesh = trimesh.creation.cylinder(shape.radius, shape.length, sections=2 * SEGMENTS)
-    else:
-        assert isinstance(shape, SphereShape)
+        mesh = trimesh.creation.cylinder(shape.radius, shape.length, sections=SEGMENTS)
+    elif isinstance(shape, SphereShape):
         mesh = trimesh.creation.icosphere(3, shape.radius)
+    else:
+        mesh = hull_of_balls(shape)
     return mesh
+
+
+def hull_of_balls(shape: HullShape) -> Trimesh:
+    """Return the convex hull of balls: a rod with round ends for two points, a plate for more."""
+    ball = trimesh.creation.icosphere(1, shape.radius).vertices
+    hull: Trimesh = trimesh.convex.convex_hull((shape.points[:, None, :] + ball).reshape(-1, 3))
+    return hull
 
 
 def _colour(colour: tuple[float, float, float, float] | None, mesh: Trimesh) -> tuple[Colour | None, float]:

@@ -2,18 +2,21 @@
 
 A link is the convex hull of balls at the joints that it carries: a rod between two joints, a plate between more. A
 revolute joint is a cylinder about its axis. A prismatic joint is a tube in which a rod slides, or a carriage on a rail.
-A ball is where a loop closes at a ball joint.
+A ball is where a loop closes at a ball joint. All are visuals, which viewers draw and `write_urdf` writes.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 
-from robot_dynamics.model.placement import placement
+from robot_dynamics.constraints.topology import build_topology
+from robot_dynamics.errors import RobotDynamicsError
+from robot_dynamics.model.placement import invert_placement, placement
+from robot_dynamics.model.visual import BoxShape, CylinderShape, HullShape, SphereShape, Visual
 from robot_dynamics.newton_euler.kinematics import link_placements
 from robot_dynamics.viewing.body import (
     ACTUATED_COLOUR,
@@ -22,15 +25,13 @@ from robot_dynamics.viewing.body import (
     LINK_COLOUR,
     PASSIVE_COLOUR,
     PLATFORM_COLOUR,
-    Body,
 )
 
 if TYPE_CHECKING:
-    from trimesh import Trimesh
-
     from robot_dynamics.array_types import Array
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.robot import Robot
+    from robot_dynamics.model.visual import Shape
     from robot_dynamics.viewing.body import Colour
 
 BONE_RADIUS = 0.014  # relative to the extent of the robot, like all lengths below relative to this radius
@@ -41,7 +42,42 @@ PLATFORM_RADIUS = 3.0
 TUBE_RADIUS = 1.5
 ROD_RADIUS = 0.75
 TUBE_SHARE = 0.6  # of a leg's length at the initial positions: the tube, and the rod in it
-SEGMENTS = 20  # of a circle
+
+
+def add_skeleton(robot: Robot) -> Robot:
+    """Return a robot that has shapes to draw: its own visuals, or else bones and joint symbols.
+
+    Parameters
+    ----------
+    robot : Robot
+        Any robot with numbers. The dynamics stay the same.
+
+    Returns
+    -------
+    Robot
+        The same robot with `visuals`. The size of the symbols is chosen at the initial positions.
+
+    Examples
+    --------
+    >>> from robot_dynamics import add_skeleton, load_robot, write_urdf
+    >>> robot = load_robot("delta")
+    >>> len(robot.visuals)
+    0
+    >>> "<visual>" in write_urdf(add_skeleton(robot), lossy=True)
+    True
+    """
+    if robot.visuals:
+        return robot
+    return replace(robot, visuals=tuple(Skeleton(robot, _initial_positions(robot)).visuals()))
+
+
+def _initial_positions(robot: Robot) -> Array:
+    """Return positions (all joints,) that close the loops, or those of the description where none do."""
+    try:
+        topology = build_topology(robot)
+    except RobotDynamicsError:  # the loops do not close, or cannot be solved
+        return np.array([joint.initial_position for joint in robot.joints])
+    return topology.joint_positions(topology.reference_positions)
 
 
 class Skeleton:
@@ -79,23 +115,32 @@ class Skeleton:
         """Indices of the joints that are coordinates of platforms: no hardware, so that nothing is drawn."""
         return frozenset(index for platform in self.robot.platforms for index in platform.joints)
 
-    def bodies(self) -> list[Body]:
-        """Return the shapes of all links and joints."""
+    def visuals(self) -> list[Visual]:
+        """Return the shapes of all links and joints: those of joints have the names of the joints."""
         bones = (self._bone(number) for number in range(len(self.robot.links)))
         joints = [
-            body
+            visual
             for index, joint in enumerate(self.robot.joints)
             if index not in self.coordinate_joints
-            for body in self._joint(index, joint)
+            for visual in self._joint(index, joint)
         ]
+        ball = SphereShape(JOINT_RADIUS * self.radius)
         balls = [
-            Body(loop.name, loop.closed_on.link, self._ball(loop.closed_on.placement[:3, 3]), PASSIVE_COLOUR)
+            self._visual(end.link, ball, PASSIVE_COLOUR, placement(translation=end.placement[:3, 3]), loop.name)
             for loop in self.robot.loops
             if loop.is_spherical
+            for end in [loop.closed_on]
         ]
         return [bone for bone in bones if bone is not None] + joints + balls
 
-    def _bone(self, number: int) -> Body | None:
+    def _visual(self, number: int, shape: Shape, colour: Colour, pose: Array, name: str | None = None) -> Visual:
+        """Return a shape at a pose (4, 4) in frame j of a link."""
+        link = self.robot.links[number].name
+        red, green, blue = (round(level / 255, 3) for level in colour)
+        to_named = invert_placement(self.robot.frame(link).placement)
+        return Visual(link, to_named @ pose, shape, (red, green, blue, 1.0), name)
+
+    def _bone(self, number: int) -> Visual | None:
         """Return the shape of a link; None where its joints are all at one point."""
         points = self._points(number)
         is_platform = number in {platform.link for platform in self.robot.platforms}
@@ -105,7 +150,7 @@ class Skeleton:
                 return None
             radius *= PLATFORM_RADIUS  # all legs end at one point: a ball
         colour = BASE_COLOUR if number == 0 else PLATFORM_COLOUR if is_platform else LINK_COLOUR
-        return Body(self.robot.links[number].name, number, hull_of_balls(points, radius), colour)
+        return self._visual(number, HullShape(points, radius), colour, np.eye(4))
 
     def _points(self, number: int) -> Array:
         """Return the points (N, 3) that the shape of a link contains, in its frame."""
@@ -131,44 +176,39 @@ class Skeleton:
             frames = [inertia.first_moments / inertia.mass]
         return sorted(frames, key=lambda point: float(np.linalg.norm(point)))[-1:]
 
-    def _joint(self, index: int, joint: Joint) -> list[Body]:
+    def _joint(self, index: int, joint: Joint) -> list[Visual]:
         """Return the symbols of a joint: of its own link, and of its antecedent."""
         colour = joint_colour(joint)
         if joint.prismatic:
             return self._slide(index, joint, colour)
-        symbol = trimesh.creation.cylinder(JOINT_RADIUS * self.radius, JOINT_LENGTH * self.radius, sections=SEGMENTS)
-        return [Body(joint.name, index + 1, symbol, colour)]
+        symbol = CylinderShape(JOINT_RADIUS * self.radius, JOINT_LENGTH * self.radius)
+        return [self._visual(index + 1, symbol, colour, np.eye(4), joint.name)]
 
-    def _slide(self, index: int, joint: Joint, colour: Colour) -> list[Body]:
+    def _slide(self, index: int, joint: Joint, colour: Colour) -> list[Visual]:
         """Return tube and rod of a leg, or carriage and rail of a slide that starts near its zero."""
         length = float(self._q[index])
         carriage = CARRIAGE_SIZE * self.radius
         if abs(length) > 2 * carriage:
             share = TUBE_SHARE * length
-            tube = self._rod(0.0, share, TUBE_RADIUS)
-            tube.apply_transform(joint.placement)
+            tube, tube_pose = self._rod(0.0, share, TUBE_RADIUS)
+            rod, rod_pose = self._rod(-share, 0.0, ROD_RADIUS)
             return [
-                Body(joint.name, joint.antecedent, tube, colour),
-                Body(joint.name, index + 1, self._rod(-share, 0.0, ROD_RADIUS), PASSIVE_COLOUR),
+                self._visual(joint.antecedent, tube, colour, joint.placement @ tube_pose, joint.name),
+                self._visual(index + 1, rod, PASSIVE_COLOUR, rod_pose, joint.name),
             ]
         limits = np.array([joint.limits.lower, joint.limits.upper])
         ends = np.where(np.isfinite(limits), limits, length + 0.15 * self.extent * np.array([-1.0, 1.0]))
-        rail = self._rod(float(ends[0]), float(ends[1]), ROD_RADIUS)
-        rail.apply_transform(joint.placement)
-        box = trimesh.creation.box([carriage, carriage, 1.4 * carriage])
-        return [Body(joint.name, joint.antecedent, rail, BASE_COLOUR), Body(joint.name, index + 1, box, colour)]
+        rail, rail_pose = self._rod(float(ends[0]), float(ends[1]), ROD_RADIUS)
+        box = BoxShape(carriage * np.array([1.0, 1.0, 1.4]))
+        return [
+            self._visual(joint.antecedent, rail, BASE_COLOUR, joint.placement @ rail_pose, joint.name),
+            self._visual(index + 1, box, colour, np.eye(4), joint.name),
+        ]
 
-    def _rod(self, start: float, end: float, radius: float) -> Trimesh:
-        """Return a cylinder along z, from z = `start` to z = `end`."""
-        rod: Trimesh = trimesh.creation.cylinder(radius * self.radius, abs(end - start), sections=SEGMENTS)
-        rod.apply_translation([0.0, 0.0, (start + end) / 2])
-        return rod
-
-    def _ball(self, centre: Array) -> Trimesh:
-        """Return the symbol of a ball joint."""
-        ball: Trimesh = trimesh.creation.icosphere(2, JOINT_RADIUS * self.radius)
-        ball.apply_transform(placement(translation=centre))
-        return ball
+    def _rod(self, start: float, end: float, radius: float) -> tuple[CylinderShape, Array]:
+        """Return a cylinder along z, from z = `start` to z = `end`, and its pose (4, 4)."""
+        shape = CylinderShape(radius * self.radius, abs(end - start))
+        return shape, placement(translation=[0.0, 0.0, (start + end) / 2])
 
 
 def joint_colour(joint: Joint) -> Colour:
@@ -176,10 +216,3 @@ def joint_colour(joint: Joint) -> Colour:
     if joint.actuated:
         return ACTUATED_COLOUR
     return ELASTIC_COLOUR if joint.spring is not None else PASSIVE_COLOUR
-
-
-def hull_of_balls(points: Array, radius: float) -> Trimesh:
-    """Return the convex hull of balls at points (N, 3): a rod with round ends for two points, a plate for more."""
-    ball = trimesh.creation.icosphere(1, radius).vertices
-    hull: Trimesh = trimesh.convex.convex_hull((points[:, None, :] + ball).reshape(-1, 3))
-    return hull

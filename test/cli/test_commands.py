@@ -70,6 +70,21 @@ def test_convert_writes_a_par_and_reports_losses(tmp_path, capsys):
     assert "rotor inertia 4.71" in (tmp_path / "puma.urdf").read_text()
 
 
+def test_convert_draws_what_has_no_shapes(tmp_path, capsys):
+    """The bones of a table stay from URDF to URDF; --no-visuals leaves them out; other formats have none."""
+    names = [tmp_path / name for name in ("a.urdf", "b.urdf", "bare.urdf", "a.yaml")]
+    drawn, again, bare, table = names
+    for arguments in (["rx90", drawn], [drawn, again], [drawn, bare, "--no-visuals"], [drawn, table]):
+        assert main(["convert", *map(str, arguments), "--lossy"]) == 0
+    notes = capsys.readouterr().err
+    assert notes.count("has what the dynamics need and visual shapes") == 2
+    counts = [path.read_text().count("<visual") for path in names]
+    assert counts[0] == counts[1] > 10 and counts[2:] == [0, 0]
+    shapes = [[(shape.frame, vars(shape.shape)) for shape in load_robot(path).visuals] for path in (drawn, again)]
+    assert shapes[0] == shapes[1]
+    assert main(["convert", "rx90", str(bare), "--lossy", "--no-visuals"]) == 0 and "<visual" not in bare.read_text()
+
+
 def test_convert_of_a_urdf_with_a_yaml_writes_minimal_frames(tmp_path, capsys):
     loop = "{joint: closing, moved: {antecedent: tool0}, closed_on: {antecedent: base_link, xyz: [0.5, 0, 0.5]}}"
     (tmp_path / "ur5.yaml").write_text(f"urdf: {UR5}\nroles: {{elbow_joint: passive}}\nloops: [{loop}]\n")

@@ -10,8 +10,11 @@ import pinocchio
 import pytest
 import yaml
 from nodes.completer_probe import CompleterProbe, values_by_name
+from nodes.controller_probe import trajectory_message
 from peers.cut_urdf import CutUrdf
 from peers.launch_files import ROOT, performed, started, started_nodes
+from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots, write_urdf
 from robot_dynamics.nodes.processes import terminate_process
@@ -65,41 +68,6 @@ def test_urdf_is_shown_as_it_is_with_its_shapes(tmp_path):
     )
 
 
-@pytest.mark.parametrize("name", ["four_bar", "delta", "gough_stewart", "navaro"])
-def test_rods_meet_where_loops_close(name):
-    """In Pinocchio, at another pose: rods of both links end at each cut joint."""
-    dynamics = Dynamics(load_robot(name), compiled=False)
-    start = dynamics.initial_joint_positions
-    motors = start[[dynamics.robot.joint_numbers[joint] for joint in dynamics.joint_names]]
-    q = dynamics.expand_positions(motors + 0.05 * np.cos(np.arange(len(motors))), previous=start)
-    text = viewed_urdf(name)
-    urdf = CutUrdf(dynamics.robot, text)
-    urdf.move(dict(zip(dynamics.all_joint_names, q, strict=True)))
-    tips = tips_of_rods(urdf, text)
-    for loop in dynamics.robot.loops:
-        for end in loop.ends:
-            link = dynamics.robot.links[end.link].name
-            goal = urdf.end_pose(end)[:3, 3]
-            origin = (urdf.pose(link) @ np.linalg.inv(dynamics.robot.frame(link).placement))[:3, 3]
-            if np.linalg.norm(goal - origin) > 0.1 * dynamics.robot.characteristic_length:
-                assert min(np.linalg.norm(tip - goal) for tip in tips[link]) < 1e-9
-                assert min(np.linalg.norm(tip - origin) for tip in tips[link]) < 1e-9
-
-
-def tips_of_rods(urdf, text):
-    """{link: both ends (3,) of each cylinder in the base}, by Pinocchio."""
-    geometry = pinocchio.buildGeomFromUrdfString(urdf.model, text, pinocchio.GeometryType.VISUAL)
-    tips = {}
-    for shape in geometry.geometryObjects:
-        if not shape.name or not hasattr(shape.geometry, "halfLength"):
-            continue
-        link = urdf.model.frames[shape.parentFrame].name
-        placement = urdf.data.oMi[shape.parentJoint] * shape.placement
-        for side in (-1, 1):
-            tips.setdefault(link, []).append(placement.act(np.array([0, 0, side * shape.geometry.halfLength])))
-    return tips
-
-
 def test_arguments_choose_what_is_started(tmp_path):
     nodes, context = launched_nodes("robot:=none", "rviz:=false", "namespace:=left")
     assert set(nodes) == {"robot_dynamics"}
@@ -136,6 +104,58 @@ def test_rviz_shows_topics_that_exist(client, tmp_path):
         terminate_process(process)
     urdf.move(values_by_name(state))
     assert np.abs(urdf.gaps()).max() < 1e-9
+
+
+def test_delta_that_computed_torque_moves_is_closed(client, tmp_path):
+    """computed_torque publishes no joint states. Those of the robot's motors are completed beside it."""
+    dynamics = Dynamics(load_robot("delta"), compiled=False)
+    motors = list(dynamics.joint_names)
+    urdf = CutUrdf(dynamics.robot)
+    patient = tmp_path / "patient.yaml"
+    controller = {"kp": [400.0], "kd": [40.0], "state_timeout": 1.0, "deadline": 1.0}
+    values = {"/**/mobile_base_simulator": {"wait_for_commands": "each"}, "/**/computed_torque": controller}
+    patient.write_text(yaml.safe_dump({node: {"ros__parameters": of_node} for node, of_node in values.items()}))
+    common = ("robot:=delta", "namespace:=moved")
+    nodes = started("closed_loop.launch.py", [*common, f"parameters:={patient}"], tmp_path)
+    nodes += started(FILE, [*common, "rviz:=false", "joint_states:=motor_states"], tmp_path)
+    python = [sys.executable, "-m"]
+    processes = [
+        subprocess.Popen([*python, f"robot_dynamics.nodes.{name}", "--ros-args", *words]) for name, words in nodes
+    ]
+    publisher = client.node.create_publisher(JointTrajectory, "/moved/computed_torque/reference", 1)
+    motor_states = client.node.create_publisher(JointState, "/moved/motor_states", 10)
+    names, reports = set(), []
+
+    def relay(message):
+        """Publish the joints with motors only, as a driver does."""
+        names.add(tuple(message.name))
+        values = values_by_name(message)
+        motor_states.publish(JointState(header=message.header, name=motors, position=[values[name] for name in motors]))
+
+    relays = client.node.create_subscription(JointState, "/moved/joint_states", relay, 10)
+    outputs = client.node.create_subscription(JointTrajectory, "/moved/computed_torque/state", reports.append, 1)
+    try:
+        probe = CompleterProbe("/moved/joint_state_completer", client, "mobile_base_simulator/external_wrench")
+        probe.wait_until(lambda: probe.states and reports, "states of a robot under control")
+        goal = positions(probe.states[-1], motors) + np.array([0.3, 0.1, 0.2])
+        publisher.publish(trajectory_message(motors, [0.3], [goal], [np.zeros(3)]))
+        probe.wait_until(lambda: np.abs(positions(probe.states[-1], motors) - goal).max() < 5e-3, "the goal")
+        publishers = client.node.get_publishers_info_by_topic("/moved/joint_states")
+        assert {node.node_name for node in publishers} == {"mobile_base_simulator", client.node.get_name()}
+    finally:
+        for process in processes:
+            terminate_process(process)
+        for subscription in (relays, outputs):
+            client.node.destroy_subscription(subscription)
+    assert all(set(dynamics.all_joint_names) <= set(published) for published in names) and names
+    for message in probe.states[:: max(1, len(probe.states) // 50)]:
+        urdf.move(values_by_name(message))
+        assert np.abs(urdf.gaps()).max() < 1e-9
+
+
+def positions(message, names):
+    values = values_by_name(message)
+    return np.array([values[name] for name in names])
 
 
 def test_configuration_of_rviz_has_the_namespaces_of_the_markers():

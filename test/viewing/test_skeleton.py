@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from robot_dynamics import Dynamics, load_robot, shipped_robots
+from robot_dynamics import Dynamics, add_skeleton, load_robot, shipped_robots
+from robot_dynamics.model.visual import HullShape
 from robot_dynamics.newton_euler.kinematics import link_placements
 from robot_dynamics.viewing.body import ACTUATED_COLOUR, PLATFORM_COLOUR
-from robot_dynamics.viewing.skeleton import Skeleton, hull_of_balls
+from robot_dynamics.viewing.robot_bodies import hull_of_balls, robot_bodies
+from robot_dynamics.viewing.skeleton import Skeleton
 
 
 @pytest.mark.parametrize("name", list(shipped_robots()))
@@ -14,8 +16,7 @@ def test_drawn_robot_is_in_one_piece(name):
     """The shapes that touch each other at closed positions are connected, and every mass is among them or inside."""
     robot = load_robot(name)
     q = Dynamics(robot).initial_joint_positions
-    skeleton = Skeleton(robot, q)
-    bodies = skeleton.bodies()
+    bodies = robot_bodies(add_skeleton(robot), q)[0]
     placements = link_placements(robot, q)
     clouds = []
     for body in bodies:
@@ -37,21 +38,22 @@ def test_drawn_robot_is_in_one_piece(name):
 @pytest.mark.parametrize("name", list(shipped_robots()))
 def test_every_joint_with_a_motor_has_a_symbol(name):
     robot = load_robot(name)
-    skeleton = Skeleton(robot, Dynamics(robot).initial_joint_positions)
-    named = {body.name for body in skeleton.bodies() if body.colour == ACTUATED_COLOUR}
+    q = Dynamics(robot).initial_joint_positions
+    skeleton = Skeleton(robot, q)
+    bodies = robot_bodies(robot, q)[0]
+    named = {body.name for body in bodies if body.colour == ACTUATED_COLOUR}
     expected = {
         joint.name
         for index, joint in enumerate(robot.joints)
         if joint.actuated and index not in skeleton.coordinate_joints
     }
     assert named == expected
-    assert len({body.link for body in skeleton.bodies() if body.colour == PLATFORM_COLOUR}) == len(robot.platforms)
+    assert len({body.link for body in bodies if body.colour == PLATFORM_COLOUR}) == len(robot.platforms)
 
 
 def test_symbols_lie_on_the_axes_of_their_joints():
     robot = load_robot("rx90")
-    skeleton = Skeleton(robot, np.zeros(6))
-    for body in skeleton.bodies():
+    for body in robot_bodies(robot, np.zeros(6))[0]:
         if body.colour == ACTUATED_COLOUR:
             assert np.abs(body.mesh.center_mass).max() < 1e-9  # in the frame of the link, whose z is the axis
             x, y, z = np.ptp(body.mesh.bounds, axis=0)
@@ -60,6 +62,6 @@ def test_symbols_lie_on_the_axes_of_their_joints():
 
 def test_hull_of_two_balls_is_a_rod():
     """Its length is the distance of the centres and two radii, its thickness two radii."""
-    mesh = hull_of_balls(np.array([[0.0, 0, 0], [0, 0, 1.0]]), 0.1)
+    mesh = hull_of_balls(HullShape(np.array([[0.0, 0, 0], [0, 0, 1.0]]), 0.1))
     assert np.ptp(mesh.bounds, axis=0) == pytest.approx([0.2, 0.2, 1.2], abs=0.02)
     assert mesh.is_watertight

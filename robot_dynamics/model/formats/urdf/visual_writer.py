@@ -1,4 +1,7 @@
-"""Visuals of a robot to elements <visual>, which `read_visuals` reads back as the same visuals."""
+"""Visuals of a robot to elements <visual>, which `read_visuals` reads back as the same visuals.
+
+A hull, which URDF has not, is written as the primitives of `hull_primitives`.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.model.formats.urdf.written_numbers import insert_origin, write_number, write_vector
-from robot_dynamics.model.visual import BoxShape, CylinderShape, MeshShape, SphereShape
+from robot_dynamics.model.visual import BoxShape, CylinderShape, HullShape, MeshShape, SphereShape
 
 if TYPE_CHECKING:
     from robot_dynamics.model.formats.urdf.document import Element
@@ -22,9 +25,10 @@ def add_visual(link: Element, visual: Visual) -> None:
         element.set("name", visual.name)
     _add_shape(etree.SubElement(element, "geometry"), visual.shape)
     if visual.colour is not None:
-        # a material without a name is that of this visual alone
-        material = etree.SubElement(element, "material", name="")
-        etree.SubElement(material, "color", rgba=write_vector(visual.colour))
+        # RViz finds the colour of a shape by its name on the link: one without a name has that of the first shape
+        rgba = write_vector(visual.colour)
+        material = etree.SubElement(element, "material", name=f"rgba {rgba}")
+        etree.SubElement(material, "color", rgba=rgba)
     insert_origin(element, visual.placement, min(1.0, float(np.abs(visual.placement[:3, 3]).max())))
 
 
@@ -37,10 +41,12 @@ def _add_shape(geometry: Element, shape: Shape) -> None:
         etree.SubElement(geometry, "cylinder", radius=radius, length=length)
     elif isinstance(shape, SphereShape):
         etree.SubElement(geometry, "sphere", radius=write_number(shape.radius))
-    else:
+    elif isinstance(shape, MeshShape):
         mesh = etree.SubElement(geometry, "mesh", filename=shape.file)
         if not np.array_equal(shape.scale, np.ones(3)):
             mesh.set("scale", write_vector(shape.scale))
+    else:
+        raise TypeError("URDF has no hull: write its primitives")
 
 
 def list_numbers(visual: Visual) -> tuple[object, ...]:
@@ -50,6 +56,8 @@ def list_numbers(visual: Visual) -> tuple[object, ...]:
         sizes: tuple[object, ...] = (shape.radius, shape.length)
     elif isinstance(shape, SphereShape):
         sizes = (shape.radius,)
+    elif isinstance(shape, HullShape):
+        sizes = (shape.points, shape.radius)
     else:
         sizes = (shape.size if isinstance(shape, BoxShape) else shape.scale,)
     return (visual.placement, *sizes, *(visual.colour or ()))

@@ -19,6 +19,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.urdf.document import XACRO_EXPRESSION
 from robot_dynamics.model.formats.urdf.visual_writer import add_visual, list_numbers, list_texts
 from robot_dynamics.model.formats.urdf.written_numbers import insert_origin, write_number, write_vector
+from robot_dynamics.model.hull_primitives import primitive_visuals
 from robot_dynamics.model.joint import UNLIMITED, Mimic, Spring
 from robot_dynamics.model.joint_friction import FRICTION_FIELDS
 from robot_dynamics.model.mdh_table import make_unique_name
@@ -45,7 +46,8 @@ def write_urdf(robot: Robot, *, lossy: bool = False) -> str:
 
     Every named frame becomes a link. A moving base is connected by a floating joint to an additional link `world`.
     Joints are in the order of `robot.joints`. Where URDF requires a limit, an infinite one becomes UNLIMITED. The names
-    of mesh files stay as they are, so relative ones need the same folder.
+    of mesh files stay as they are, so relative ones need the same folder. The URDF has the
+    visuals of the robot; `add_skeleton` makes them for a robot without any.
 
     Parameters
     ----------
@@ -246,7 +248,7 @@ class _Writer:
         for frame in robot.frames:
             self._frames_on_link[frame.link].append(frame)
         self._visuals_on_frame: dict[str, list[Visual]] = {}
-        for visual in robot.visuals:
+        for visual in primitive_visuals(robot.visuals):
             self._visuals_on_frame.setdefault(visual.frame, []).append(visual)
 
     def write(self) -> Element:

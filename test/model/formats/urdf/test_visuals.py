@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lxml import etree
 from peers.pinocchio_visuals import PinocchioVisuals, pinocchio_visuals
 from peers.real_robots import REAL_ROBOTS, ROBOTS, real_urdf
 
@@ -165,6 +166,21 @@ def test_written_urdf_has_the_same_visuals(name, change, moving_base, tmp_path):
         colours = [peer.geometry.geometryObjects[number].meshColor for number in index]
         expected = [colours[k] if visual.colour is None else visual.colour for k, visual in enumerate(robot.visuals)]
         np.testing.assert_allclose(colours, expected, rtol=0, atol=1e-6)
+
+
+def test_colours_of_one_link_have_names_of_their_own():
+    """RViz 2 (robot_link.cpp, getVisualWithMaterial) takes the first visual of the link with the name of a material."""
+    link = "".join(
+        f'<visual>{BOX}<material name=""><color rgba="{rgba}"/></material></visual>'
+        for rgba in ("1 0 0 1", "0 1 0 1", "1 0 0 1")
+    )
+    root = etree.fromstring(write_urdf(read_urdf(ROBOT.format(visual=link, materials=""))).encode())
+    visuals = root.findall("link/visual")
+    first = {}
+    for visual in visuals:
+        first.setdefault(visual.find("material").get("name"), visual.find("material/color").get("rgba"))
+    shown = [first[visual.find("material").get("name")] for visual in visuals]
+    assert shown == ["1 0 0 1", "0 1 0 1", "1 0 0 1"] and "" not in first
 
 
 def test_visuals_are_no_loss():
