@@ -59,9 +59,12 @@ def robot_page(
         view.draw_efforts()
         frame_camera(server, view.bounds)
         motion = sweep_joints(view.configuration, view.extent) if motion is None else motion
+        if motion.reference is not None:
+            view.add_reference()
         recorder = server.get_scene_serializer()
         for number in range(max(1, int(motion.duration * FRAME_RATE))):
             view.configuration.q = motion.at(number / FRAME_RATE)
+            view.reference = motion.reference_at(number / FRAME_RATE)
             view.draw()
             recorder.insert_sleep(1 / FRAME_RATE)
         page = str(recorder.as_html())

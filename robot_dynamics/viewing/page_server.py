@@ -29,6 +29,7 @@ def make_server(title: str, port: int, host: str) -> ViserServer:
         server: ViserServer = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND_COLOUR)
     server.scene.set_up_direction("+z")
+    server.scene.configure_default_lights(cast_shadow=False)  # shadows take most of the time to draw a robot
     return server
 
 

@@ -39,7 +39,7 @@ class RobotScene:
     Attributes
     ----------
     link_frames : dict of int to viser.FrameHandle
-        The node of each link that has shapes, by number of the link.
+        The node of each link that has shapes or that carries another node, by number of the link.
     meshes : list of tuple of Body and viser.MeshHandle or viser.GlbHandle
         Shapes and their nodes.
     """
@@ -54,13 +54,12 @@ class RobotScene:
     ) -> None:
         self.robot = robot
         self.root = root
+        self._scene = scene
         self.link_frames: dict[int, FrameHandle] = {}
         self.meshes: list[tuple[Body, Any]] = []
         self._is_singular = False
         self._root = scene.add_frame(root, show_axes=False)
         for number, body in enumerate(bodies):
-            if body.link not in self.link_frames:
-                self.link_frames[body.link] = scene.add_frame(self.link_node(body.link), show_axes=False)
             self.meshes.append((body, self._add_mesh(scene, f"{self.link_node(body.link)}/{number}", body, opacity)))
 
     def _add_mesh(self, scene: SceneApi, node: str, body: Body, opacity: float | None) -> MeshHandle | GlbHandle:
@@ -80,8 +79,11 @@ class RobotScene:
         )
 
     def link_node(self, number: int) -> str:
-        """Return the name of the node that moves with a link."""
-        return f"{self.root}/{number}_{node_name(self.robot.links[number].name)}"
+        """Return the name of the node that moves with a link. The node is added if there is none."""
+        name = f"{self.root}/{number}_{node_name(self.robot.links[number].name)}"
+        if number not in self.link_frames:
+            self.link_frames[number] = self._scene.add_frame(name, show_axes=False)
+        return name
 
     def move(self, link_poses: Array) -> None:
         """Move the links to poses (links, 4, 4) [m]."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from viewing.drawn_loops import largest_gap
 
-from robot_dynamics import InvalidInputError, load_robot, shipped_robots
+from robot_dynamics import Inertia, InvalidInputError, load_robot, shipped_robots
 from robot_dynamics.viewing.configuration import Configuration
 from robot_dynamics.viewing.value_range import Range
 
@@ -90,3 +90,25 @@ def test_ranges_contain_the_present_position():
         limits = configuration.joint_range(index, 1.0)
         assert (limits.lower, limits.upper) == (joint.limits.lower, joint.limits.upper)
     assert Range(-1.0, 2.0).clip(3.0) == 2.0 and Range(-1.0, 2.0).clip(-3.0) == -1.0
+
+
+@pytest.mark.parametrize("name", ["panda", "five_bar"])
+def test_payload_is_held_by_the_derivative_of_its_potential_energy(name):
+    """The efforts change by dV/dq of a mass at a point of the last frame, by finite differences of its height."""
+    configuration = Configuration(load_robot(name))
+    frame = configuration.robot.frames[-1]
+    mass, centre = 2.0, np.array([0.05, -0.1, 0.2])
+    start = configuration.independent_positions
+
+    def height(step):
+        assert configuration.move_joints(start + step)
+        return (configuration.link_poses()[frame.link] @ frame.placement @ [*centre, 1])[2]
+
+    rates = [(height(1e-5 * e) - height(-1e-5 * e)) / 2e-5 for e in np.eye(len(start))]
+    configuration.move_joints(start)
+    without = configuration.holding_efforts()
+    configuration.carry(frame.name, Inertia.about_centre_of_mass(mass, np.zeros((3, 3)), centre))
+    change = configuration.holding_efforts() - without
+    assert change == pytest.approx(-configuration.robot.gravity[2] * mass * np.array(rates), abs=1e-6)
+    configuration.carry(frame.name, Inertia())
+    assert configuration.holding_efforts() == pytest.approx(without, abs=1e-12)
