@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 BRAND_COLOUR = (42, 111, 187)
 GRID_CELLS = 40
+SKY_COLOUR = (255, 255, 255)
+GROUND_COLOUR = (170, 170, 180)
+LIGHT = 1.5
 
 
 def make_server(title: str, port: int, host: str) -> ViserServer:
@@ -28,9 +31,21 @@ def make_server(title: str, port: int, host: str) -> ViserServer:
     with silenced():
         server: ViserServer = viser.ViserServer(host=host, port=port, label=title, verbose=False)
     server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND_COLOUR)
+    server.gui.main_panel.dock_right()  # beside the scene, so that it hides nothing
     server.scene.set_up_direction("+z")
-    server.scene.configure_default_lights(cast_shadow=False)  # shadows take most of the time to draw a robot
+    light_scene(server)
     return server
+
+
+def light_scene(server: ViserServer) -> None:
+    """Light a scene from above and below.
+
+    Shadows and light from a picture of the surroundings take most of the time to draw a robot without a graphics card,
+    and change the colours of shapes.
+    """
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.configure_environment_map(None)
+    server.scene.add_light_hemisphere("/light", sky_color=SKY_COLOUR, ground_color=GROUND_COLOUR, intensity=LIGHT)
 
 
 def stop_server(server: ViserServer) -> None:

@@ -78,6 +78,7 @@ class Viewer:
         OverlayPanel(gui, self.view)
         self.wrench_panel = WrenchPanel(gui, self.server.scene, self.view)
         self.payload_panel = PayloadPanel(gui, self.view)
+        self.view.draw()
         self.view.draw_efforts()
 
     @property
