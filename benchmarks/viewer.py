@@ -7,7 +7,7 @@
 Columns:
 
     update [ms]   CPU time of the server for an update: it moves the robot, closes loops, and sends what has changed
-    efforts [ms]  CPU time for efforts and for the search for singular positions, once nothing else waits
+    panels [ms]   CPU time for sliders, efforts and the search for singular positions, at most ten times a second
     first [s]     from the call of the page to the first picture with coloured pixels, those of motors or platforms
     updates/s     updates that the server sends while a program moves the robot, with a page open
     dragged/s     updates while a slider of the page is dragged: the browser decides how often it tells the server
@@ -21,6 +21,7 @@ rate is that of the renderer; `alone/s` is its limit.
 
 import argparse
 import os
+import threading
 import time
 from pathlib import Path
 
@@ -34,7 +35,7 @@ ROBOTS = ["gough_stewart", "delta", "five_bar", "panda"]
 HEADER = [
     "robot",
     "update [ms]",
-    "efforts [ms]",
+    "panels [ms]",
     "first [s]",
     "updates/s",
     "dragged/s",
@@ -93,30 +94,34 @@ def cpu_times(viewer):
     start = configuration.independent_positions
     size = 0.02 * configuration.robot.characteristic_length
     motions = [start + size * np.sin(number / 10) for number in range(WARM_UP_UPDATES + UPDATES)]
-    times = {"update": [], "efforts": []}
+    times = {"update": [], "panels": []}
     for positions in motions:
         began = time.thread_time()
-        view._move(lambda configuration, positions=positions: configuration.move_joints(positions))
+        configuration.move_joints(positions)
+        view.draw()
         moved = time.thread_time()
-        view.draw_efforts()
+        view._follow()
         times["update"].append(moved - began)
-        times["efforts"].append(time.thread_time() - moved)
+        times["panels"].append(time.thread_time() - moved)
     return [1e3 * np.mean(values[WARM_UP_UPDATES:]) for values in times.values()]
 
 
 def update_rate(viewer, seconds):
-    """Updates per second of the server, one after the other."""
+    """Updates per second of the server while a program moves the robot."""
     view = viewer.view
     start = view.configuration.independent_positions
     size = 0.02 * view.robot.characteristic_length
-    count = 0
+    drawn = threading.Event()
+    updates = []
+    view.on_draw.append(lambda poses: (updates.append(1), drawn.set()))
     began = time.monotonic()
     while (elapsed := time.monotonic() - began) < seconds:
         positions = start + size * np.sin(4 * elapsed)
         view.move(lambda configuration, positions=positions: configuration.move_joints(positions))
-        view.tasks.wait(WAIT)
-        count += 1
-    return count / elapsed
+        drawn.wait(1)
+        drawn.clear()
+    view.on_draw.pop()
+    return len(updates) / elapsed
 
 
 def drag_rates(viewer, page, seconds):
@@ -124,7 +129,7 @@ def drag_rates(viewer, page, seconds):
     box = page.locator("[role=slider]").first.bounding_box()
     middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     updates = []
-    viewer.view.on_draw.append(lambda poses: updates.append(1))
+    viewer.view.on_draw.append(lambda _: updates.append(1))
     page.mouse.move(*middle)
     page.mouse.down()
     before = page.evaluate("window.pictures")

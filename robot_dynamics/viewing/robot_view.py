@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from robot_dynamics.viewing.body import Body
     from robot_dynamics.viewing.overlays import Overlay
 
+FOLLOW_SECONDS = 0.1
+"""Least time between updates of panels and efforts while a robot moves: they take more time than to draw it."""
 REFERENCE_COLOUR = (230, 120, 30)
 REFERENCE_OPACITY = 0.4
 
@@ -61,8 +63,8 @@ class RobotView:
     reference_scene : RobotScene or None
         Its shapes.
     on_draw, on_move, on_efforts : list of callable
-        Called with poses (links, 4, 4) where the robot is drawn; after it moved; and with new efforts (n,) of the
-        independent joints and whether the robot is drawn red.
+        Called with poses (links, 4, 4) where the robot is drawn; after motions, at most once in FOLLOW_SECONDS;
+        and with new efforts (n,) of the independent joints and whether the robot is drawn red.
     """
 
     def __init__(self, server: ViserServer, robot: Robot, packages: Mapping[str, Path] | None = None) -> None:
@@ -89,7 +91,7 @@ class RobotView:
             InertiaOverlay(server.scene, self.scene),
             self._efforts,
         ]
-        self.tasks = LatestTask(self.draw_efforts)
+        self.tasks = LatestTask(self._follow, FOLLOW_SECONDS)
         self.draw()
 
     def move(self, motion: Callable[[Configuration], bool]) -> None:
@@ -119,8 +121,12 @@ class RobotView:
     def _move(self, motion: Callable[[Configuration], bool]) -> None:
         motion(self.configuration)
         self.draw()
+
+    def _follow(self) -> None:
+        """Set the panels to where the robot is."""
         for callback in self.on_move:
             callback()
+        self.draw_efforts()
 
     def draw(self) -> None:
         """Draw the robot where it is."""
