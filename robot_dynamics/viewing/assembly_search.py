@@ -74,22 +74,22 @@ def find_assembly_modes(
     """
     robot = dynamics.robot
     described = _mode_of_description(dynamics, q)
-    found = [q] if described is None or is_same_mode(robot, described, q) else [described, q]
+    modes = [q] if described is None or is_same_mode(robot, described, q) else [described, q]
     is_described = described is not None
     if not robot.loops:
-        return _ordered(robot, found, is_described)
+        return _ordered(robot, modes, is_described)
     solver = ClosureSolver(robot)
     idle = 0
     for seeds in _seed_batches(dynamics, q):
-        if should_stop() or idle == MAX_IDLE_BATCHES or len(found) >= MAX_MODES:
+        if should_stop() or idle == MAX_IDLE_BATCHES or len(modes) >= MAX_MODES:
             break
-        closed, is_closed = solver.try_close_loops(seeds)
-        before = len(found)
-        for positions in closed[is_closed]:
-            if not any(is_same_mode(robot, positions, known) for known in found):
-                found.append(_without_turns(robot, positions, q))
-        idle = idle + 1 if len(found) == before else 0
-    return _ordered(robot, found[:MAX_MODES], is_described)
+        samples, is_closed = solver.try_close_loops(seeds)
+        before = len(modes)
+        for positions in samples[is_closed]:
+            if not any(is_same_mode(robot, positions, known) for known in modes):
+                modes.append(_without_turns(robot, positions, q))
+        idle = idle + 1 if len(modes) == before else 0
+    return _ordered(robot, modes[:MAX_MODES], is_described)
 
 
 def is_same_mode(robot: Robot, first: Array, second: Array) -> bool:
@@ -142,17 +142,17 @@ def _without_turns(robot: Robot, positions: Array, q: Array) -> Array:
     return np.where(is_revolute, positions - 2 * np.pi * turns, positions)
 
 
-def _ordered(robot: Robot, found: list[Array], is_described: bool) -> list[AssemblyMode]:
+def _ordered(robot: Robot, closed: list[Array], is_described: bool) -> list[AssemblyMode]:
     """Return modes by their distance from the first one, which can be that of the description."""
     lower = np.array([joint.limits.lower for joint in robot.joints])
     upper = np.array([joint.limits.upper for joint in robot.joints])
     modes = [
         AssemblyMode(
             positions,
-            _distance(robot, found[0], positions),
+            _distance(robot, closed[0], positions),
             bool(((positions >= lower - 1e-9) & (positions <= upper + 1e-9)).all()),
             is_described and number == 0,
         )
-        for number, positions in enumerate(found)
+        for number, positions in enumerate(closed)
     ]
     return sorted(modes, key=lambda mode: mode.distance)

@@ -160,7 +160,7 @@ class NameOverlay:
                 position=body.mesh.bounds.mean(axis=0),
                 visible=False,
             )
-            for number, (body, _) in enumerate(drawn.meshes)
+            for number, body in enumerate(drawn.bodies)
         ]
 
     def show(self, is_visible: bool) -> None:
