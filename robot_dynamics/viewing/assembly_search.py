@@ -136,7 +136,9 @@ def _seed_batches(dynamics: Dynamics, q: Array) -> Iterator[Array]:
 
 
 def _without_turns(robot: Robot, positions: Array, q: Array) -> Array:
-    """Return positions without the whole turns by which revolute joints of loops are away from `q`."""
+    """Return positions without the whole turns by which revolute joints are away from `q`."""
+    if any(joint.mimic is not None for joint in robot.joints):
+        return positions  # turns of a mimic joint are not turns of the joint that it follows
     is_revolute = np.array([not joint.prismatic for joint in robot.joints])
     turns = np.round((positions - q) / (2 * np.pi))
     return np.where(is_revolute, positions - 2 * np.pi * turns, positions)

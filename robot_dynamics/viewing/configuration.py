@@ -201,6 +201,7 @@ class Configuration:
         zeros = np.zeros(len(self.independent))
         base = Base(np.eye(4), np.zeros(6), np.zeros(6)) if self.robot.moving_base else None
         try:
-            return self.dynamics.inverse(self.q, zeros, zeros, base=base, external_wrenches=external_wrenches)
+            q = self.q if self.robot.loops else self.independent_positions
+            return self.dynamics.inverse(q, zeros, zeros, base=base, external_wrenches=external_wrenches)
         except SingularModelError:
             return np.full(len(self.independent), np.nan)

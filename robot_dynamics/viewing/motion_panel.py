@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 FRAME_SECONDS = 1 / 30
 MAX_PLOT_POINTS = 2000
+PLOT_HEIGHT = 190  # [px]
 MODEL_COLOUR = "#2a6fbb"
 MEASURED_COLOUR = "#d0702a"
 LIMIT_COLOUR = "#c23030"
@@ -28,7 +29,7 @@ def plot_series(first: str, second: str) -> Any:
         {"label": "s"},
         {"label": first, "stroke": MODEL_COLOUR, "width": 1.5},
         {"label": second, "stroke": MEASURED_COLOUR, "width": 1},
-        *[{"label": "limit", "stroke": LIMIT_COLOUR, "width": 1, "dash": [6, 4]}] * 2,
+        *[{"label": label, "stroke": LIMIT_COLOUR, "width": 1, "dash": [6, 4]} for label in ("lower", "upper limit")],
     )
 
 
@@ -61,8 +62,9 @@ class MotionPanel:
             self._is_playing = gui.add_checkbox("play", initial_value=False)
             self._speed = gui.add_slider("speed", min=0.1, max=4.0, step=0.1, initial_value=1.0)
             self._joint = gui.add_dropdown("joint", self._names)
-            self.position_plot = gui.add_uplot(self._position_data(0), POSITION_SERIES, title="position", height=190)
-            self.effort_plot = gui.add_uplot(self._effort_data(0), EFFORT_SERIES, title="effort", height=190)
+            form: Any = {"height": PLOT_HEIGHT, "scales": {"x": {"time": False}}}  # seconds, not dates
+            self.position_plot = gui.add_uplot(self._position_data(0), POSITION_SERIES, title="position", **form)
+            self.effort_plot = gui.add_uplot(self._effort_data(0), EFFORT_SERIES, title="effort", **form)
         self._time.on_update(lambda event: self._show(event))
         self._joint.on_update(lambda event: self._draw_plots())
         self._thread = threading.Thread(target=self._play, name="motion", daemon=True)

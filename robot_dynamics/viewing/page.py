@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_dynamics.viewing.mode_geometry import ModeGeometry
 from robot_dynamics.viewing.mode_view import ModeView
-from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
+from robot_dynamics.viewing.page_server import HOST, MOTION_DISTANCE, frame_camera, make_server, stop_server
 from robot_dynamics.viewing.played_motion import sweep_joints
 from robot_dynamics.viewing.robot_view import RobotView
 
@@ -57,8 +57,8 @@ def robot_page(
     try:
         view = RobotView(server, robot, packages)
         view.draw_efforts()
-        frame_camera(server, view.bounds)
         motion = sweep_joints(view.configuration, view.extent) if motion is None else motion
+        frame_camera(server, view.bounds_along(motion.some_positions()), MOTION_DISTANCE)
         if motion.reference is not None:
             view.add_reference()
         recorder = server.get_scene_serializer()

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 BRAND_COLOUR = (42, 111, 187)
 GRID_CELLS = 40
+MOTION_DISTANCE = 0.65
+"""Distance of the camera from the bounds of a motion: the robot is in a part of them at a time."""
 SKY_COLOUR = (255, 255, 255)
 GROUND_COLOUR = (170, 170, 180)
 LIGHT = 1.5
@@ -61,13 +63,13 @@ def silenced() -> Iterator[None]:
         yield
 
 
-def frame_camera(server: ViserServer, bounds: Array) -> None:
-    """Look at bounds (2, 3) [m] from the front, above a grid on the ground."""
+def frame_camera(server: ViserServer, bounds: Array, distance: float = 1.0) -> None:
+    """Look at bounds (2, 3) [m] from the front, above a grid on the ground; distance: relative to the usual one."""
     extent = float(np.ptp(bounds, axis=0).max()) or 1.0
     centre = bounds.mean(axis=0)
     camera = server.initial_camera
     camera.look_at = centre
-    camera.position = centre + extent * np.array([1.0, -1.2, 0.65])
+    camera.position = centre + distance * extent * np.array([0.8, -0.95, 0.5])
     cell = float(10.0 ** np.floor(np.log10(extent)))
     server.scene.add_grid(
         "/grid",

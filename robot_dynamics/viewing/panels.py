@@ -131,11 +131,12 @@ class StatusPanel:
         if is_singular and not configuration.problem:
             self._message.content = "The loops are singular here, or nearly so."
         rows = []
+        rounding = 1e-12 * np.abs(efforts).max(initial=0.0)
         for index, effort in zip(configuration.independent, efforts, strict=True):
             joint = self._view.robot.joints[index]
             unit = "N" if joint.prismatic else "N m"
             limit = f"{joint.limits.effort:g}" if np.isfinite(joint.limits.effort) else ""
-            rows.append((escape_markdown(joint.name), f"{effort:.4g} {unit}", limit))
+            rows.append((escape_markdown(joint.name), f"{0.0 if abs(effort) < rounding else effort:.4g} {unit}", limit))
         self._table.content = markdown_table(("joint", "effort", "limit"), rows)
 
 

@@ -59,6 +59,12 @@ class PlayedMotion:
         positions: Array = self.positions[self._nearest(np.array(time))]
         return positions
 
+    def some_positions(self, count: int = 20) -> Array:
+        """Return positions (N, all joints) of about `count` samples of the motion and of its reference."""
+        both = [self.positions] if self.reference is None else [self.positions, self.reference]
+        step = max(1, len(self.times) // count)
+        return np.concatenate([positions[::step] for positions in both])
+
     def reference_at(self, time: float) -> Array | None:
         """Return the positions (all joints,) of the reference at the sample nearest to a time [s]; None without one."""
         return None if self.reference is None else self.reference[self._nearest(np.array(time))]

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.robot import Robot
-    from robot_dynamics.viewing.body import Body
     from robot_dynamics.viewing.overlays import Overlay
 
 FOLLOW_SECONDS = 0.1
@@ -79,7 +78,7 @@ class RobotView:
         self.on_efforts: list[Callable[[Array, bool], None]] = []
         self._server = server
         self._bodies, self.warnings = robot_bodies(robot, self.configuration.q, packages)
-        self.bounds = self._bounds(self._bodies)
+        self.bounds = self._bounds(self.configuration.link_poses())
         self.scene = RobotScene(server.scene, robot, self._bodies)
         radius = BONE_RADIUS * self.extent
         self._efforts = EffortOverlay(server.scene, self.scene, radius, self.configuration.independent)
@@ -160,11 +159,16 @@ class RobotView:
         """End the thread that draws."""
         self.tasks.close()
 
-    def _bounds(self, bodies: list[Body]) -> Array:
-        """Return the bounds of shapes."""
-        poses = self.configuration.link_poses()
+    def bounds_along(self, positions: Array) -> Array:
+        """Return the bounds (2, 3) [m] of the robot at positions (N, all joints)."""
+        bounds = np.array([self._bounds(link_matrices(self.robot, q)) for q in positions])
+        return np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
+
+    def _bounds(self, poses: Array) -> Array:
+        """Return the bounds (2, 3) of the shapes at poses (links, 4, 4)."""
         corners = [
-            body.mesh.bounding_box.vertices @ poses[body.link, :3, :3].T + poses[body.link, :3, 3] for body in bodies
+            body.mesh.bounding_box.vertices @ poses[body.link, :3, :3].T + poses[body.link, :3, 3]
+            for body in self._bodies
         ] or [poses[:, :3, 3]]
         points = np.concatenate(corners)
         return np.array([points.min(axis=0), points.max(axis=0)])

@@ -9,7 +9,7 @@ from robot_dynamics.viewing.load_panels import PayloadPanel, WrenchPanel
 from robot_dynamics.viewing.mode_panel import ModePanel
 from robot_dynamics.viewing.motion_panel import MotionPanel
 from robot_dynamics.viewing.name_panel import NamePanel
-from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
+from robot_dynamics.viewing.page_server import HOST, MOTION_DISTANCE, frame_camera, make_server, stop_server
 from robot_dynamics.viewing.panels import JointPanel, OverlayPanel, PlatformPanel, StatusPanel
 from robot_dynamics.viewing.robot_view import RobotView
 
@@ -63,7 +63,10 @@ class Viewer:
         except BaseException:
             stop_server(self.server)
             raise
-        frame_camera(self.server, self.view.bounds)
+        if motion is None:
+            frame_camera(self.server, self.view.bounds)
+        else:
+            frame_camera(self.server, self.view.bounds_along(motion.some_positions()), MOTION_DISTANCE)
         gui = self.server.gui
         StatusPanel(gui, self.view)
         self.name_panel = NamePanel(gui, self.server.scene, self.view)

@@ -5,6 +5,7 @@ import pytest
 from viewing.drawn_loops import largest_gap
 
 from robot_dynamics import Inertia, InvalidInputError, load_robot, shipped_robots
+from robot_dynamics.model.loading import read_robot
 from robot_dynamics.viewing.configuration import Configuration
 from robot_dynamics.viewing.value_range import Range
 
@@ -90,6 +91,24 @@ def test_ranges_contain_the_present_position():
         limits = configuration.joint_range(index, 1.0)
         assert (limits.lower, limits.upper) == (joint.limits.lower, joint.limits.upper)
     assert Range(-1.0, 2.0).clip(3.0) == 2.0 and Range(-1.0, 2.0).clip(-3.0) == -1.0
+
+
+INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+GRIPPER = f"""<robot name="gripper"><link name="base"/>
+<link name="left"><inertial><mass value="2"/>{INERTIA}</inertial></link>
+<link name="right"><inertial><mass value="3"/>{INERTIA}</inertial></link>
+<joint name="first" type="prismatic"><parent link="base"/><child link="left"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1" effort="9" velocity="1"/></joint>
+<joint name="second" type="prismatic"><parent link="base"/><child link="right"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="2" effort="9" velocity="1"/><mimic joint="first" multiplier="2"/></joint></robot>"""
+
+
+def test_efforts_of_a_robot_with_a_mimic_joint_and_no_loops():
+    """The work of the motor lifts 2 kg by a metre and 3 kg by two."""
+    configuration = Configuration(read_robot(GRIPPER, source="a gripper"))
+    assert configuration.move_joints([0.5]) and configuration.q == pytest.approx([0.5, 1.0])
+    weight = -configuration.robot.gravity[2]
+    assert configuration.holding_efforts() == pytest.approx([weight * (2 + 2 * 3)])
 
 
 @pytest.mark.parametrize("name", ["panda", "five_bar"])
