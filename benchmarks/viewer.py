@@ -85,6 +85,17 @@ function frame() {
 }
 requestAnimationFrame(frame);
 """
+# In the page: a program outside of it would wait for each motion of the mouse until the next picture.
+DRAG = """
+([x, y]) => {
+    const move = () => {
+        const place = {clientX: x + 12 * Math.sin(performance.now() / 250), clientY: y, bubbles: true, buttons: 1};
+        document.dispatchEvent(new MouseEvent("mousemove", place));
+        document.dispatchEvent(new PointerEvent("pointermove", place));
+    };
+    window.drag = setInterval(move, 16);
+}
+"""
 
 
 def cpu_times(viewer):
@@ -134,10 +145,11 @@ def drag_rates(viewer, page, seconds):
     page.mouse.down()
     before = page.evaluate("window.pictures")
     began = time.monotonic()
-    while (elapsed := time.monotonic() - began) < seconds:
-        page.mouse.move(middle[0] + 12 * np.sin(4 * elapsed), middle[1])
-    page.mouse.up()
+    page.evaluate(DRAG, middle)
+    page.wait_for_timeout(1000 * seconds)
+    page.evaluate("clearInterval(window.drag)")
     elapsed = time.monotonic() - began
+    page.mouse.up()
     return len(updates) / elapsed, (page.evaluate("window.pictures") - before) / elapsed
 
 
