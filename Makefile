@@ -106,6 +106,7 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/services.py
 	.venv/bin/python benchmarks/many_clients.py
 	.venv/bin/python benchmarks/replay.py
+	.venv/bin/python benchmarks/viewer.py
 
 soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
 	PROGRAM_STATES=40 .venv/bin/python -m pytest -s test/constraints/test_closed_loops.py -k compiled_programs --timeout 900

@@ -10,17 +10,23 @@ bones and joint symbols. The page is served on this machine alone, until Ctrl-C.
 
 from __future__ import annotations
 
+import math
 import signal
 import sys
 from argparse import ArgumentParser, Namespace
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.output_files import check_ending, check_writable, write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from robot_dynamics.model.robot import Robot
+    from robot_dynamics.viewing.played_motion import PlayedMotion
 
 NAME = "view"
 ENDINGS = (".html",)
@@ -34,6 +40,18 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--output", metavar="FILE.html", help="write the page as one file instead of serving it")
     parser.add_argument(
         "--motion", metavar="FILE", help="bag or CSV file with the positions of the joints, which the page plays"
+    )
+    parser.add_argument(
+        "--reference",
+        metavar="FILE",
+        help="bag or CSV file with a second motion, such as the commanded one beside the measured one: a translucent "
+        "robot. Times are those of one clock where the two overlap; else both begin at the same time",
+    )
+    parser.add_argument(
+        "--reference-delay",
+        metavar="SECONDS",
+        type=float,
+        help="time from the first sample of the motion to the first one of the reference",
     )
     parser.add_argument(
         "--package",
@@ -55,14 +73,17 @@ def run(arguments: Namespace) -> None:
     if arguments.output is not None:
         check_ending(arguments.output, ENDINGS, "--output")
         check_writable(arguments.output)
+    if arguments.reference is not None and arguments.motion is None:
+        raise InvalidInputError("--reference is a second motion: give the first one with --motion")
+    if arguments.reference_delay is not None and (
+        arguments.reference is None or not math.isfinite(arguments.reference_delay)
+    ):
+        raise InvalidInputError("--reference-delay: a finite number of seconds, and a --reference, are needed")
     robot = load_robot_argument(arguments)
-    from robot_dynamics.viewing.page import robot_page
-    from robot_dynamics.viewing.played_motion import (
-        recorded_motion,  # here, because viewing packages are slow to import
-    )
+    from robot_dynamics.viewing.page import robot_page  # here, because viewing packages are slow to import
     from robot_dynamics.viewing.viewer import Viewer
 
-    motion = None if arguments.motion is None else recorded_motion(Dynamics(robot), Path(arguments.motion))
+    motion = None if arguments.motion is None else read_motion(robot, arguments)
     packages = parse_packages(arguments.package)
     if arguments.output is not None:
         page, warnings = robot_page(robot, motion, packages)
@@ -75,6 +96,17 @@ def run(arguments: Namespace) -> None:
         _wait_for_end(f"{robot.name} is at {viewer.url} until Ctrl-C")
     finally:
         viewer.close()
+
+
+def read_motion(robot: Robot, arguments: Namespace) -> PlayedMotion:
+    """Read the motion, and the reference that is drawn beside it."""
+    from robot_dynamics.viewing.played_motion import recorded_motion
+
+    dynamics = Dynamics(robot)
+    motion = recorded_motion(dynamics, Path(arguments.motion))
+    if arguments.reference is None:
+        return motion
+    return motion.beside(recorded_motion(dynamics, Path(arguments.reference)), arguments.reference_delay)
 
 
 def parse_packages(settings: Iterable[str]) -> dict[str, Path]:

@@ -9,13 +9,16 @@ import numpy as np
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.inputs import Base
+from robot_dynamics.model.robot import attach_payload
 from robot_dynamics.parallel.platform_motion import coordinates_from_pose, pose_from_coordinates
+from robot_dynamics.viewing.assembly_search import is_same_mode
 from robot_dynamics.viewing.link_poses import link_matrices
 from robot_dynamics.viewing.value_range import Range
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.inputs import ExternalWrenches
+    from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.robot import Robot
 
 SINGULAR_RATIO = 100.0
@@ -33,6 +36,10 @@ class Configuration:
 
     Attributes
     ----------
+    robot : Robot
+        The robot, with the payload that it carries.
+    dynamics : Dynamics
+        Its model.
     q : ndarray, shape (all joints,)
         Positions that close the loops [rad or m].
     independent : list of int
@@ -43,6 +50,7 @@ class Configuration:
 
     def __init__(self, robot: Robot, dynamics: Dynamics | None = None) -> None:
         self.robot = robot
+        self._robot_without_payload = robot
         self.dynamics = Dynamics(robot) if dynamics is None else dynamics
         self.q: Array = np.array(self.dynamics.initial_joint_positions, dtype=float)
         self.problem = ""
@@ -55,6 +63,24 @@ class Configuration:
     def independent_positions(self) -> Array:
         """(n,) positions of the independent joints [rad or m]."""
         return self.q[self.independent]
+
+    def carry(self, frame: str, inertia: Inertia) -> None:
+        """Carry a payload, as `Robot.with_payload` attaches it, in the place of another payload.
+
+        Parameters
+        ----------
+        frame : str
+            Frame to which the payload is fixed.
+        inertia : Inertia
+            Inertia of the payload in this frame; without mass for no payload.
+
+        Raises
+        ------
+        InvalidInputError
+            The frame is unknown, or the mass negative.
+        """
+        self.robot = attach_payload(self._robot_without_payload, frame, inertia)
+        self.dynamics = Dynamics(self.robot)
 
     def move_joints(self, positions: ArrayLike) -> bool:
         """Move the independent joints to positions (n,) [rad or m]; the loops follow from where they are.
@@ -103,6 +129,10 @@ class Configuration:
         except (SingularModelError, InvalidInputError) as error:
             self.problem = str(error)
             return False
+
+    def is_at(self, q: ArrayLike) -> bool:
+        """Return whether all joints and frames are where positions (all joints,) put them."""
+        return is_same_mode(self.robot, self.q, np.asarray(q, dtype=float))
 
     def _limit(self, index: int) -> float:
         """Return the present position of a joint, or its limit nearest to it."""
@@ -171,6 +201,7 @@ class Configuration:
         zeros = np.zeros(len(self.independent))
         base = Base(np.eye(4), np.zeros(6), np.zeros(6)) if self.robot.moving_base else None
         try:
-            return self.dynamics.inverse(self.q, zeros, zeros, base=base, external_wrenches=external_wrenches)
+            q = self.q if self.robot.loops else self.independent_positions
+            return self.dynamics.inverse(q, zeros, zeros, base=base, external_wrenches=external_wrenches)
         except SingularModelError:
             return np.full(len(self.independent), np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,10 +20,14 @@ class LatestTask:
     ----------
     when_idle : callable
         Runs after a task if no other waits.
+    interval : float
+        Least time from one run of `when_idle` to the next one [s]. Tasks that come meanwhile run. Default: 0.
     """
 
-    def __init__(self, when_idle: Callable[[], None]) -> None:
+    def __init__(self, when_idle: Callable[[], None], interval: float = 0.0) -> None:
         self._when_idle = when_idle
+        self._interval = interval
+        self._idle_time = -float("inf")
         self._condition = threading.Condition()
         self._task: Callable[[], None] | None = None
         self._is_busy = False
@@ -59,11 +64,18 @@ class LatestTask:
             try:
                 if task is not None:
                     task()
-                if self._task is None:
+                if self._is_quiet():
                     self._when_idle()
+                    self._idle_time = time.monotonic()
             except Exception:
                 logger.exception("The viewer failed to draw")
             finally:
                 with self._condition:
                     self._is_busy = False
                     self._condition.notify_all()
+
+    def _is_quiet(self) -> bool:
+        """Return whether no task comes until `when_idle` may run again."""
+        with self._condition:
+            rest = self._idle_time + self._interval - time.monotonic()
+            return not self._condition.wait_for(lambda: self._task is not None or self._is_closed, max(0.0, rest))

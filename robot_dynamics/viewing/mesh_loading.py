@@ -1,4 +1,4 @@
-"""Meshes from files. Only the bytes of the file itself are read: no texture, no material, no further buffer."""
+"""Meshes from files. Of other files the colours in a .mtl beside an .obj are read: no texture, no further buffer."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import io
 import os
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from robot_dynamics.errors import InvalidInputError, MissingPackageError
 from robot_dynamics.model.visual import MeshShape
 from robot_dynamics.optional_packages import import_optional
 from robot_dynamics.viewing.mesh_files import MAX_MESH_BYTES, MESH_SUFFIXES, resolve_mesh
+from robot_dynamics.viewing.mesh_materials import MaterialFiles, NoFiles
 from robot_dynamics.viewing.mesh_sizes import MAX_FACES, check_mesh_text
 
 if TYPE_CHECKING:
@@ -86,8 +87,8 @@ def load_mesh(path: Path) -> Trimesh:
     Returns
     -------
     trimesh.Trimesh
-        All parts of the file as one mesh, with the colours of its materials where it is a .dae. The coordinates are
-        those of the file, as RViz takes them: a .dae in metres by its unit, its up axis ignored.
+        All parts of the file as one mesh, with the colours of its materials where it is a .dae, .glb or .obj. The
+        coordinates are those of the file, as RViz takes them: a .dae in metres by its unit, its up axis ignored.
 
     Raises
     ------
@@ -106,7 +107,11 @@ def load_mesh(path: Path) -> Trimesh:
     try:
         safe = check_mesh_text(content, kind)
         scene = trimesh.load_scene(
-            io.BytesIO(safe.content), file_type=kind[1:], resolver=_NoFiles(), skip_materials=True, process=False
+            io.BytesIO(safe.content),
+            file_type=kind[1:],
+            resolver=_material_files(path, kind),
+            skip_materials=kind not in (".obj", ".glb"),
+            process=False,
         )
         return _join(trimesh, scene, safe)
     except InvalidInputError as error:
@@ -115,22 +120,9 @@ def load_mesh(path: Path) -> Trimesh:
         raise InvalidInputError(f"mesh {path.name!r} cannot be read as {kind} ({type(error).__name__})") from None
 
 
-class _NoFiles:
-    """A resolver for the files that a mesh refers to. It finds none."""
-
-    def get(self, name: str) -> NoReturn:
-        """Raise KeyError."""
-        raise KeyError("a mesh may not refer to other files")
-
-    __getitem__ = get
-
-    def keys(self) -> tuple[str, ...]:
-        """Return no names."""
-        return ()
-
-    def namespaced(self, _: str) -> _NoFiles:
-        """Return the same resolver."""
-        return self
+def _material_files(path: Path, kind: str) -> MaterialFiles:
+    """Return the resolver for the files that a mesh refers to."""
+    return MaterialFiles(lambda name: _read_bytes(path.parent / name)) if kind == ".obj" else NoFiles()
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -12,6 +12,7 @@ import numpy as np
 from lxml import etree
 
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.viewing.mesh_materials import with_flat_gltf_materials
 
 if TYPE_CHECKING:
     from robot_dynamics.model.formats.urdf.document import Element
@@ -51,19 +52,20 @@ def check_mesh_text(content: bytes, kind: str) -> SafeMesh:
     if kind == ".dae":
         return _check_collada(content)
     if kind == ".glb":
-        _check_gltf(content)
+        return SafeMesh(with_flat_gltf_materials(content, _checked_gltf(content)))
     return SafeMesh(content)
 
 
-def _check_gltf(content: bytes) -> None:
-    """Raise InvalidInputError for accessors larger than a mesh may be, and for buffers in other files."""
+def _checked_gltf(content: bytes) -> dict[str, Any]:
+    """Return the header. InvalidInputError for accessors larger than a mesh may be, and for buffers in other files."""
     length = int.from_bytes(content[12:16], "little")
-    header = json.loads(content[20 : 20 + length])
+    header: dict[str, Any] = json.loads(content[20 : 20 + length])
     count = sum(int(accessor["count"]) for accessor in header.get("accessors", ()))
     if not 0 <= count <= 6 * MAX_FACES or any(accessor["count"] < 0 for accessor in header.get("accessors", ())):
         raise InvalidInputError(f"its accessors have {count} elements, more than {6 * MAX_FACES}")
     if any("uri" in buffer for buffer in header.get("buffers", ())):
         raise InvalidInputError("its buffers are in other files")
+    return header
 
 
 def _check_collada(content: bytes) -> SafeMesh:

@@ -1,30 +1,25 @@
-"""What can be drawn over a robot: frames, MDH parameters, names, masses, and efforts."""
+"""What can be drawn over a robot: frames, MDH parameters, names, and efforts. `mass_overlays` has more."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-import trimesh
 
 from robot_dynamics.model.mdh import mdh_from_placement, placement_from_mdh
-from robot_dynamics.model.placement import placement, to_scipy_rotation
+from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.viewing.scene import node_name
 
 if TYPE_CHECKING:
     from viser import SceneApi
 
     from robot_dynamics.array_types import Array
-    from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.viewing.configuration import Configuration
     from robot_dynamics.viewing.scene import RobotScene
 
 COMMON_NORMAL_COLOUR = (214, 69, 65)
 OFFSET_COLOUR = (34, 112, 181)
-MASS_COLOUR = (40, 40, 48)
-TOTAL_MASS_COLOUR = (230, 150, 20)
-INERTIA_COLOUR = (120, 90, 200)
 ARC_COLOUR = (200, 40, 120)
 ARC_POINTS = 25
 FULL_ARC = 1.5 * np.pi  # [rad] of an effort at its limit
@@ -165,7 +160,7 @@ class NameOverlay:
                 position=body.mesh.bounds.mean(axis=0),
                 visible=False,
             )
-            for number, (body, _) in enumerate(drawn.meshes)
+            for number, body in enumerate(drawn.bodies)
         ]
 
     def show(self, is_visible: bool) -> None:
@@ -175,99 +170,6 @@ class NameOverlay:
 
     def update(self, configuration: Configuration, link_poses: Array) -> None:
         """Do nothing: the labels move with their links."""
-
-
-class MassOverlay:
-    """Centres of mass: a ball for each link, its volume as its mass, and one for the whole robot."""
-
-    title = "Centres of mass (whole robot: orange)"
-
-    def __init__(self, scene: SceneApi, drawn: RobotScene, radius: float) -> None:
-        robot = drawn.robot
-        self._masses = np.array([float(link.inertia.mass) for link in robot.links])
-        self._first_moments = np.array([np.asarray(link.inertia.first_moments, float) for link in robot.links])
-        largest = self._masses.max()
-        self._nodes = [
-            scene.add_icosphere(
-                f"{drawn.link_node(number)}/mass",
-                radius=max(0.5, 3.0 * np.cbrt(mass / largest)) * radius,
-                color=MASS_COLOUR,
-                position=self._first_moments[number] / mass,
-                visible=False,
-            )
-            for number, mass in enumerate(self._masses)
-            if mass > 0
-        ]
-        self._total = scene.add_icosphere(
-            f"{drawn.root}_mass", radius=2.5 * radius, color=TOTAL_MASS_COLOUR, visible=False
-        )
-
-    def show(self, is_visible: bool) -> None:
-        """Show or hide it."""
-        for node in (*self._nodes, self._total):
-            node.visible = is_visible
-
-    def update(self, configuration: Configuration, link_poses: Array) -> None:
-        """Move the centre of mass of the whole robot."""
-        total = self._masses.sum()
-        if total > 0:
-            moments = self._masses[:, None] * link_poses[:, :3, 3]
-            moments = moments + np.einsum("nij,nj->ni", link_poses[:, :3, :3], self._first_moments)
-            self._total.position = moments.sum(axis=0) / total
-
-
-class InertiaOverlay:
-    """The ellipsoids of uniform density that have the mass and the inertia of the links."""
-
-    title = "Inertia ellipsoids"
-
-    def __init__(self, scene: SceneApi, drawn: RobotScene) -> None:
-        self._nodes = []
-        for number, link in enumerate(drawn.robot.links):
-            ellipsoid = inertia_ellipsoid(link.inertia)
-            if ellipsoid is None:
-                continue
-            axes, pose = ellipsoid
-            sphere = trimesh.creation.icosphere(2, 1.0)
-            vertices = (sphere.vertices * axes) @ pose[:3, :3].T + pose[:3, 3]
-            self._nodes.append(
-                scene.add_mesh_simple(
-                    f"{drawn.link_node(number)}/inertia",
-                    vertices,
-                    sphere.faces,
-                    color=INERTIA_COLOUR,
-                    opacity=0.45,
-                    visible=False,
-                )
-            )
-
-    def show(self, is_visible: bool) -> None:
-        """Show or hide it."""
-        for node in self._nodes:
-            node.visible = is_visible
-
-    def update(self, configuration: Configuration, link_poses: Array) -> None:
-        """Do nothing: the ellipsoids move with their links."""
-
-
-def inertia_ellipsoid(inertia: Inertia) -> tuple[Array, Array] | None:
-    """Return the solid ellipsoid with the inertia of a body: semi-axes (3,) [m], and pose (4, 4) in its frame.
-
-    None where no physical body has this inertia, or where it has no extent.
-    """
-    mass = float(inertia.mass)
-    if not mass > 0:
-        return None
-    centre = np.asarray(inertia.first_moments, dtype=float) / mass
-    about_centre = np.asarray(inertia.second_moments, dtype=float)
-    about_centre = about_centre - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
-    moments, directions = np.linalg.eigh(about_centre)
-    squares = 2.5 / mass * (moments.sum() - 2 * moments)
-    if not (squares > 0).all():
-        return None
-    if np.linalg.det(directions) < 0:
-        directions[:, 0] *= -1
-    return np.sqrt(squares), placement(directions, centre)
 
 
 class EffortOverlay:

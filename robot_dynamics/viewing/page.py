@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_dynamics.viewing.mode_geometry import ModeGeometry
 from robot_dynamics.viewing.mode_view import ModeView
-from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
+from robot_dynamics.viewing.page_server import HOST, MOTION_DISTANCE, frame_camera, make_server, stop_server
 from robot_dynamics.viewing.played_motion import sweep_joints
 from robot_dynamics.viewing.robot_view import RobotView
 
@@ -57,11 +57,14 @@ def robot_page(
     try:
         view = RobotView(server, robot, packages)
         view.draw_efforts()
-        frame_camera(server, view.bounds)
         motion = sweep_joints(view.configuration, view.extent) if motion is None else motion
+        frame_camera(server, view.bounds_along(motion.some_positions()), MOTION_DISTANCE)
+        if motion.reference is not None:
+            view.add_reference()
         recorder = server.get_scene_serializer()
         for number in range(max(1, int(motion.duration * FRAME_RATE))):
             view.configuration.q = motion.at(number / FRAME_RATE)
+            view.reference = motion.reference_at(number / FRAME_RATE)
             view.draw()
             recorder.insert_sleep(1 / FRAME_RATE)
         page = str(recorder.as_html())

@@ -1,4 +1,4 @@
-"""Panels of the page: sliders of joints and platforms, what is drawn, efforts, wrenches and payloads."""
+"""Panels of the page: sliders of joints and platforms, what is drawn, and efforts."""
 
 from __future__ import annotations
 
@@ -131,31 +131,13 @@ class StatusPanel:
         if is_singular and not configuration.problem:
             self._message.content = "The loops are singular here, or nearly so."
         rows = []
+        rounding = 1e-12 * np.abs(efforts).max(initial=0.0)
         for index, effort in zip(configuration.independent, efforts, strict=True):
             joint = self._view.robot.joints[index]
             unit = "N" if joint.prismatic else "N m"
             limit = f"{joint.limits.effort:g}" if np.isfinite(joint.limits.effort) else ""
-            rows.append((escape_markdown(joint.name), f"{effort:.4g} {unit}", limit))
+            rows.append((escape_markdown(joint.name), f"{0.0 if abs(effort) < rounding else effort:.4g} {unit}", limit))
         self._table.content = markdown_table(("joint", "effort", "limit"), rows)
-
-
-class WrenchPanel:
-    """A force and a moment of the environment on a link, by numbers."""
-
-    def __init__(self, gui: GuiApi, view: RobotView) -> None:
-        self._view = view
-        names = [frame.name for frame in view.robot.frames]
-        with gui.add_folder("External wrench", expand_by_default=False):
-            self._link = gui.add_dropdown("link", names, initial_value=names[-1])
-            self._force = gui.add_vector3("force [N]", (0.0, 0.0, 0.0), step=1.0)
-            self._moment = gui.add_vector3("moment [N m]", (0.0, 0.0, 0.0), step=0.1)
-        for handle in (self._link, self._force, self._moment):
-            handle.on_update(lambda event: self._apply())
-
-    def _apply(self) -> None:
-        wrench = np.array([*self._force.value, *self._moment.value], dtype=float)
-        self._view.external_wrenches = {str(self._link.value): wrench} if wrench.any() else {}
-        self._view.refresh()
 
 
 def add_slider(gui: GuiApi, label: str, limits: Range, value: float) -> Any:

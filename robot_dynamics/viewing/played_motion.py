@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,11 +10,12 @@ import numpy as np
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.recordings.drives import direct_drives
 from robot_dynamics.recordings.recording import open_recording
+from robot_dynamics.recordings.sample_statistics import SampleStatistics
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.viewing.configuration import Configuration
 
@@ -22,6 +23,9 @@ SWEEP_SECONDS = 3.0
 """Duration of the motion of one joint through its range."""
 MAX_SWEPT_JOINTS = 12
 """The joints of a robot with more of them move all at once."""
+
+SAME_CLOCK_SHARE = 0.5
+"""Part of the shorter of two motions that is in the time of the other one, if they have the same clock."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +38,16 @@ class PlayedMotion:
     positions : (N, all joints) [rad or m], with loops closed.
     efforts : (N, n) efforts of the model at the independent joints [N m or N]; nan where the model has none.
     measured_efforts : (N, n) measured efforts [N m or N]; nan where not measured.
+    start : time of the clock of the recording at `times` zero [s].
+    reference : (N, all joints) positions of a second motion, which is drawn beside this one; None without one.
     """
 
     times: Array
     positions: Array
     efforts: Array
     measured_efforts: Array
+    start: float = 0.0
+    reference: Array | None = None
 
     @property
     def duration(self) -> float:
@@ -48,10 +56,45 @@ class PlayedMotion:
 
     def at(self, time: float) -> Array:
         """Return the positions (all joints,) of the sample nearest to a time [s]."""
-        after = int(np.clip(np.searchsorted(self.times, time), 1, len(self.times) - 1)) if len(self.times) > 1 else 0
-        is_before = after > 0 and time - self.times[after - 1] < self.times[after] - time
-        positions: Array = self.positions[after - 1 if is_before else after]
+        positions: Array = self.positions[self._nearest(np.array(time))]
         return positions
+
+    def some_positions(self, count: int = 20) -> Array:
+        """Return positions (N, all joints) of about `count` samples of the motion and of its reference."""
+        both = [self.positions] if self.reference is None else [self.positions, self.reference]
+        step = max(1, len(self.times) // count)
+        return np.concatenate([positions[::step] for positions in both])
+
+    def reference_at(self, time: float) -> Array | None:
+        """Return the positions (all joints,) of the reference at the sample nearest to a time [s]; None without one."""
+        return None if self.reference is None else self.reference[self._nearest(np.array(time))]
+
+    def beside(self, reference: PlayedMotion, delay: float | None = None) -> PlayedMotion:
+        """Return the same motion with a reference, which has the sample nearest to each time.
+
+        Before the first and after the last sample of the reference it is at rest there.
+
+        Parameters
+        ----------
+        reference : PlayedMotion
+        delay : float, optional
+            Time from the first sample of this motion to the first one of the reference [s]. Default: what the clocks of
+            the recordings say, if more than half of the shorter motion is at the same time as the other one; else zero.
+        """
+        if delay is None:
+            ends = min(self.start + self.duration, reference.start + reference.duration)
+            common = ends - max(self.start, reference.start)
+            has_one_clock = common > SAME_CLOCK_SHARE * min(self.duration, reference.duration)
+            delay = reference.start - self.start if has_one_clock else 0.0
+        return replace(self, reference=reference.positions[reference._nearest(self.times - delay)])
+
+    def _nearest(self, times: Array) -> IntArray:
+        """Return the numbers (...) of the samples nearest to times (...)."""
+        if len(self.times) == 1:
+            return np.zeros(times.shape, dtype=int)
+        after = np.clip(np.searchsorted(self.times, times), 1, len(self.times) - 1)
+        is_before = times - self.times[after - 1] < self.times[after] - times
+        return np.asarray(after - is_before)
 
 
 def recorded_motion(dynamics: Dynamics, path: Path, rate: float = 50.0) -> PlayedMotion:
@@ -74,12 +117,14 @@ def recorded_motion(dynamics: Dynamics, path: Path, rate: float = 50.0) -> Playe
         The loops do not close at the recorded positions.
     """
     recording = open_recording(path, direct_drives(dynamics.joint_names))
-    pieces = list(recording.motions(rate=rate))
+    statistics = SampleStatistics()
+    pieces = list(recording.motions(statistics=statistics, rate=rate))
     times = np.concatenate([piece.times for piece in pieces])
     q = np.concatenate([dynamics.expand_trajectory(piece.q) for piece in pieces])
     efforts = np.concatenate([_model_efforts(dynamics, piece.q, piece.qd, piece.qdd) for piece in pieces])
     measured = np.concatenate([np.where(piece.has_efforts, piece.efforts, np.nan) for piece in pieces])
-    return PlayedMotion(times - times[0], q, efforts, measured)
+    start = statistics.origin * 1e-9 + float(times[0])
+    return PlayedMotion(times - times[0], q, efforts, measured, start)
 
 
 def _model_efforts(dynamics: Dynamics, q: Array, qd: Array, qdd: Array) -> Array:

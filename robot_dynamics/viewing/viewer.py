@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from robot_dynamics.viewing.assembly_panel import AssemblyPanel
+from robot_dynamics.viewing.load_panels import PayloadPanel, WrenchPanel
 from robot_dynamics.viewing.mode_panel import ModePanel
 from robot_dynamics.viewing.motion_panel import MotionPanel
-from robot_dynamics.viewing.page_server import HOST, frame_camera, make_server, stop_server
-from robot_dynamics.viewing.panels import JointPanel, OverlayPanel, PlatformPanel, StatusPanel, WrenchPanel
+from robot_dynamics.viewing.name_panel import NamePanel
+from robot_dynamics.viewing.page_server import HOST, MOTION_DISTANCE, frame_camera, make_server, stop_server
+from robot_dynamics.viewing.panels import JointPanel, OverlayPanel, PlatformPanel, StatusPanel
 from robot_dynamics.viewing.robot_view import RobotView
 
 if TYPE_CHECKING:
@@ -60,18 +63,25 @@ class Viewer:
         except BaseException:
             stop_server(self.server)
             raise
-        frame_camera(self.server, self.view.bounds)
+        if motion is None:
+            frame_camera(self.server, self.view.bounds)
+        else:
+            frame_camera(self.server, self.view.bounds_along(motion.some_positions()), MOTION_DISTANCE)
         gui = self.server.gui
         StatusPanel(gui, self.view)
+        self.name_panel = NamePanel(gui, self.server.scene, self.view)
         self.platform_panels = [
             PlatformPanel(gui, self.view, link, platform.free)
             for link, platform in zip(robot.platform_links, robot.platforms, strict=True)
         ]
         self.joint_panel = JointPanel(gui, self.view)
-        self._motion_panel = None if motion is None else MotionPanel(gui, self.view, motion)
+        self.assembly_panel = AssemblyPanel(gui, self.view) if robot.loops else None
+        self.motion_panel = None if motion is None else MotionPanel(gui, self.view, motion)
         self._mode_panel = ModePanel(self.server, self.view) if is_elastic(robot) else None
         OverlayPanel(gui, self.view)
-        WrenchPanel(gui, self.view)
+        self.wrench_panel = WrenchPanel(gui, self.server.scene, self.view)
+        self.payload_panel = PayloadPanel(gui, self.view)
+        self.view.draw()
         self.view.draw_efforts()
 
     @property
@@ -81,7 +91,7 @@ class Viewer:
 
     def close(self) -> None:
         """Stop serving."""
-        for panel in (self._motion_panel, self._mode_panel):
+        for panel in (self.assembly_panel, self.motion_panel, self._mode_panel):
             if panel is not None:
                 panel.close()
         self.view.close()

@@ -29,6 +29,9 @@ def test_wrong_arguments_are_refused_and_write_nothing(tmp_path, capsys):
         (["--output", "robot.txt"], "must end with .html"),
         (["--port", "0"], "--port 0: a number from 1 to 65535"),
         (["--output", str(tmp_path / "robot.html"), "--motion", missing], "does not exist"),
+        (["--output", str(tmp_path / "robot.html"), "--reference", missing], "give the first one with --motion"),
+        (["--motion", missing, "--reference-delay", "1"], "--reference-delay: a finite number"),
+        (["--motion", missing, "--reference", missing, "--reference-delay", "nan"], "--reference-delay: a finite"),
     ):
         assert main(["view", "four_bar", *arguments]) == 1
         assert reason in capsys.readouterr().err

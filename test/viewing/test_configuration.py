@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from viewing.drawn_loops import largest_gap
 
-from robot_dynamics import InvalidInputError, load_robot, shipped_robots
+from robot_dynamics import Inertia, InvalidInputError, load_robot, shipped_robots
+from robot_dynamics.model.loading import read_robot
 from robot_dynamics.viewing.configuration import Configuration
 from robot_dynamics.viewing.value_range import Range
 
@@ -90,3 +91,43 @@ def test_ranges_contain_the_present_position():
         limits = configuration.joint_range(index, 1.0)
         assert (limits.lower, limits.upper) == (joint.limits.lower, joint.limits.upper)
     assert Range(-1.0, 2.0).clip(3.0) == 2.0 and Range(-1.0, 2.0).clip(-3.0) == -1.0
+
+
+INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+GRIPPER = f"""<robot name="gripper"><link name="base"/>
+<link name="left"><inertial><mass value="2"/>{INERTIA}</inertial></link>
+<link name="right"><inertial><mass value="3"/>{INERTIA}</inertial></link>
+<joint name="first" type="prismatic"><parent link="base"/><child link="left"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="1" effort="9" velocity="1"/></joint>
+<joint name="second" type="prismatic"><parent link="base"/><child link="right"/><axis xyz="0 0 1"/>
+<limit lower="0" upper="2" effort="9" velocity="1"/><mimic joint="first" multiplier="2"/></joint></robot>"""
+
+
+def test_efforts_of_a_robot_with_a_mimic_joint_and_no_loops():
+    """The work of the motor lifts 2 kg by a metre and 3 kg by two."""
+    configuration = Configuration(read_robot(GRIPPER, source="a gripper"))
+    assert configuration.move_joints([0.5]) and configuration.q == pytest.approx([0.5, 1.0])
+    weight = -configuration.robot.gravity[2]
+    assert configuration.holding_efforts() == pytest.approx([weight * (2 + 2 * 3)])
+
+
+@pytest.mark.parametrize("name", ["panda", "five_bar"])
+def test_payload_is_held_by_the_derivative_of_its_potential_energy(name):
+    """The efforts change by dV/dq of a mass at a point of the last frame, by finite differences of its height."""
+    configuration = Configuration(load_robot(name))
+    frame = configuration.robot.frames[-1]
+    mass, centre = 2.0, np.array([0.05, -0.1, 0.2])
+    start = configuration.independent_positions
+
+    def height(step):
+        assert configuration.move_joints(start + step)
+        return (configuration.link_poses()[frame.link] @ frame.placement @ [*centre, 1])[2]
+
+    rates = [(height(1e-5 * e) - height(-1e-5 * e)) / 2e-5 for e in np.eye(len(start))]
+    configuration.move_joints(start)
+    without = configuration.holding_efforts()
+    configuration.carry(frame.name, Inertia.about_centre_of_mass(mass, np.zeros((3, 3)), centre))
+    change = configuration.holding_efforts() - without
+    assert change == pytest.approx(-configuration.robot.gravity[2] * mass * np.array(rates), abs=1e-6)
+    configuration.carry(frame.name, Inertia())
+    assert configuration.holding_efforts() == pytest.approx(without, abs=1e-12)

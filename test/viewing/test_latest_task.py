@@ -36,3 +36,16 @@ def test_failure_is_logged_and_the_next_task_runs(caplog):
     tasks.close()
     assert done == [1] and "ZeroDivisionError" in caplog.text
     assert not any(thread.name == "viewer" for thread in threading.enumerate())
+
+
+def test_idle_callback_waits_its_interval_and_lets_tasks_run_meanwhile():
+    done = []
+    tasks = LatestTask(lambda: done.append("idle"), interval=1.0)
+    for name in ("first", "second", "third"):
+        ran = threading.Event()
+        tasks.submit(lambda name=name, ran=ran: (done.append(name), ran.set()))
+        assert ran.wait(10)
+    assert tasks.wait(10)
+    tasks.close()
+    assert [name for name in done if name != "idle"] == ["first", "second", "third"]
+    assert done[-1] == "idle" and done.count("idle") <= 2

@@ -114,6 +114,37 @@ def test_colours_of_collada_are_kept():
     assert len(np.unique(mesh.visual.face_colors, axis=0)) == 6
 
 
+def face_colours(mesh):
+    return [tuple(int(value) for value in colour[:3]) for colour in mesh.visual.face_colors]
+
+
+def test_colours_of_a_material_library_beside_an_obj_are_kept(tmp_path):
+    write(tmp_path, "a.mtl", "newmtl red\nKd 1 0 0\nmap_Kd secret.png\nnewmtl blue\nKd 0 0 0.5\n")
+    text = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\nusemtl blue\nf 3 2 1\n"
+    mesh = load_mesh(write(tmp_path, "a.obj", text))
+    assert sorted(face_colours(mesh)) == [(0, 0, 128), (255, 0, 0)]
+
+
+@pytest.mark.parametrize("name", ["../outside.mtl", "link.mtl", "/etc/a.mtl", "missing.mtl", "large.mtl"])
+def test_other_material_libraries_are_left_out(name, tmp_path):
+    folder = tmp_path / "package"
+    folder.mkdir()
+    outside = write(tmp_path, "outside.mtl", "newmtl red\nKd 1 0 0\n")
+    (folder / "link.mtl").symlink_to(outside)
+    write(folder, "large.mtl", "newmtl red\nKd 1 0 0\n" + "#" * 1_100_000)
+    mesh = load_mesh(write(folder, "a.obj", f"mtllib {name}\nusemtl red\n" + OBJ))
+    assert len(mesh.faces) == 1 and (255, 0, 0) not in face_colours(mesh)
+
+
+def test_base_colours_of_gltf_are_kept(tmp_path):
+    """0.21586 of the light of white is 0.5 of its value in sRGB."""
+    header = gltf_header(
+        materials=[{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.21586, 0, 1]}}],
+        meshes=[{"primitives": [{"attributes": {"POSITION": 0}, "mode": 4, "material": 0}]}],
+    )
+    assert face_colours(load_mesh(write(tmp_path, "a.glb", glb(header)))) == [(255, 128, 0)]
+
+
 def test_instances_of_collada_are_parts(tmp_path):
     scene = NODE + '<node id="k"><scale>2 2 2</scale><instance_node url="#l"/></node>'
     libraries = '<library_nodes><node id="l"><instance_geometry url="#g"/></node></library_nodes>'

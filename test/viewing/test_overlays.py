@@ -6,7 +6,8 @@ import pytest
 from robot_dynamics import Inertia, load_robot
 
 pytest.importorskip("viser")
-from robot_dynamics.viewing.overlays import FULL_ARC, effort_line, inertia_ellipsoid, mdh_corners, mdh_text
+from robot_dynamics.viewing.mass_overlays import inertia_ellipsoid
+from robot_dynamics.viewing.overlays import FULL_ARC, effort_line, mdh_corners, mdh_text
 
 
 def test_ellipsoid_has_the_inertia_of_a_solid_ellipsoid():

@@ -11,6 +11,7 @@ from robot_dynamics.model.loading import read_robot
 
 pytest.importorskip("viser")
 from robot_dynamics.viewing.page import robot_page
+from robot_dynamics.viewing.played_motion import PlayedMotion
 
 WAIT = 30_000  # [ms]
 HOSTILE = '"></script><script>document.title="taken"</script><img src=x onerror=alert(1)>'
@@ -41,6 +42,9 @@ def opened(browser, tmp_path):
         page.on("request", lambda request: requests.append(request.url))
         page.goto(f"file://{file}")
         page.wait_for_selector("canvas", timeout=WAIT)
+        # the notice that WebGL is drawn by software is as coloured as a robot
+        page.locator(".mantine-Notification-closeButton").click(timeout=WAIT)
+        page.locator(".mantine-Notification-root").wait_for(state="detached", timeout=WAIT)
         return page, errors, requests
 
     yield open_text
@@ -73,6 +77,19 @@ def test_page_opens_without_network_and_plays(opened):
     assert (np.abs(picture(page)[:420] - first).max(axis=-1) > 30).sum() > 50, "nothing moves"
     assert errors == []
     assert [url for url in requests if not url.startswith(("file:", "data:", "blob:"))] == []
+
+
+@pytest.mark.slow
+def test_reference_is_a_second_robot_in_orange(opened):
+    """The other robot has no colour in which red is far above blue, and green is between them."""
+    robot = load_robot("rx90")
+    nothing = np.full((2, 6), np.nan)
+    motion = PlayedMotion(np.array([0.0, 0.1]), np.zeros((2, 6)), nothing, nothing)
+    reference = PlayedMotion(motion.times, np.full((2, 6), 0.4), nothing, nothing)
+    page, errors, _ = opened(robot_page(robot, motion.beside(reference))[0])
+    red, green, blue = np.moveaxis(wait_for_robot(page), -1, 0)
+    assert ((red > green + 20) & (green > blue + 20)).sum() > 200
+    assert errors == []
 
 
 @pytest.mark.slow

@@ -63,3 +63,32 @@ def test_sample_nearest_to_a_time_is_shown():
     nothing = np.full((3, 1), np.nan)
     motion = PlayedMotion(np.array([0.0, 1.0, 2.0]), np.array([[0.0], [10.0], [20.0]]), nothing, nothing)
     assert [motion.at(time)[0] for time in (-1, 0.4, 0.6, 1.4, 9)] == [0, 0, 10, 10, 20]
+
+
+def line(times, start=0.0):
+    """A motion of one joint whose position is its time."""
+    nothing = np.full((len(times), 1), np.nan)
+    return PlayedMotion(times, times[:, None], nothing, nothing, start)
+
+
+def test_reference_is_at_the_same_time_of_one_clock_or_begins_with_the_motion():
+    times = np.arange(0, 2.01, 0.01)
+    motion = line(times, 100.0)
+    one_clock = motion.beside(line(times, 100.5))
+    assert one_clock.reference[:, 0] == pytest.approx(np.clip(times - 0.5, 0, None), abs=0.0051)
+    assert one_clock.reference_at(1.0) == pytest.approx([0.5], abs=0.0051)
+    assert motion.beside(line(times, 7000.0)).reference[:, 0] == pytest.approx(times, abs=0.0051)
+    delayed = motion.beside(line(times, 100.5), delay=-0.3).reference[:, 0]
+    assert delayed == pytest.approx(np.clip(times + 0.3, None, 2.0), abs=0.0051)
+    assert motion.reference_at(1.0) is None
+
+
+def test_recorded_motions_keep_the_times_of_their_clock(tmp_path):
+    dynamics = Dynamics(load_robot("four_bar"))
+    times = np.arange(0, 4, 0.01)
+    crank = dynamics.initial_joint_positions[0] + 0.3 * np.sin(times)
+    starts = []
+    for delay in (0.0, 0.7):
+        file = write_csv(tmp_path / "crank.csv", dynamics.joint_names, times + 50 + delay, crank)
+        starts.append(recorded_motion(dynamics, file).start)
+    assert starts[0] >= 50 and starts[1] - starts[0] == pytest.approx(0.7, abs=1e-6)
