@@ -14,7 +14,7 @@ from robot_dynamics import load_robot, shipped_robots
 pytest.importorskip("viser")
 from robot_dynamics.viewing.viewer import Viewer
 
-WAIT = 30_000  # [ms]
+WAIT = 60_000  # [ms]
 
 
 @pytest.fixture
