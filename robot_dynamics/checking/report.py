@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 from robot_dynamics.optional_packages import import_optional
+from robot_dynamics.plots.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 
 if TYPE_CHECKING:
     from plotly.basedatatypes import BaseTraceType

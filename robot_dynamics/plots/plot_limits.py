@@ -1,0 +1,45 @@
+"""Limits of joints in plots of positions, velocities and efforts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LIMIT_LINE: dict[str, Any] = {"color": "0.25", "linestyle": (0, (6, 2)), "linewidth": 0.9}
+LABEL = "limit"
+NEAR = 0.6
+"""A limit is drawn as a line up to this distance from the plotted values, relative to their range or size."""
+
+
+def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
+    """Draw limits of what is plotted along y; limits that are far away are written, and leave the scale as it is.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        With the curves.
+    lower, upper : float
+        Limits, infinite where there is none.
+    unit : str
+        Unit of the limits.
+    """
+    low, high = axes.get_ylim()
+    reach = NEAR * max(high - low, abs(low), abs(high))
+    far = []
+    for limit, is_near in ((lower, lower >= low - reach), (upper, upper <= high + reach)):
+        if not np.isfinite(limit):
+            continue
+        if is_near:
+            is_first = LABEL not in axes.get_legend_handles_labels()[1]
+            axes.axhline(limit, label=LABEL if is_first else None, **LIMIT_LINE)
+        else:
+            far.append(limit)
+    if far:
+        is_symmetric = len(far) == 2 and np.isclose(far[0], -far[1])
+        text = f"±{far[1]:.4g}" if is_symmetric else ", ".join(f"{limit:.4g}" for limit in far)
+        note = f"limit{'s' if len(far) == 2 and not is_symmetric else ''} {text} {unit}"
+        axes.text(0.98, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="small", color="0.25")
