@@ -10,13 +10,21 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LIMIT_LINE: dict[str, Any] = {"color": "0.25", "linestyle": (0, (6, 2)), "linewidth": 0.9}
+NOTE: dict[str, Any] = {
+    "ha": "right",
+    "va": "top",
+    "fontsize": "small",
+    "color": "0.25",
+}
+NOTE_ROOM = 0.16
+"""Height of a note, relative to the range of the axis."""
 LABEL = "limit"
 NEAR = 0.6
 """A limit is drawn as a line up to this distance from the plotted values, relative to their range or size."""
 
 
 def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
-    """Draw limits of what is plotted along y; limits that are far away are written, and leave the scale as it is.
+    """Draw limits of what is plotted along y; limits that are far away are written above the curves.
 
     Parameters
     ----------
@@ -38,8 +46,10 @@ def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
             axes.axhline(limit, label=LABEL if is_first else None, **LIMIT_LINE)
         else:
             far.append(limit)
-    if far:
-        is_symmetric = len(far) == 2 and np.isclose(far[0], -far[1])
+    is_symmetric = bool(np.isclose(lower, -upper))
+    if len(far) == 2 or (far and not is_symmetric):  # of symmetric limits one line says all
         text = f"±{far[1]:.4g}" if is_symmetric else ", ".join(f"{limit:.4g}" for limit in far)
         note = f"limit{'s' if len(far) == 2 and not is_symmetric else ''} {text} {unit}"
-        axes.text(0.98, 0.97, note, transform=axes.transAxes, ha="right", va="top", fontsize="small", color="0.25")
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + NOTE_ROOM * (high - low))
+        axes.text(0.98, 0.98, note, transform=axes.transAxes, **NOTE)
