@@ -15,7 +15,7 @@ Cell: TypeAlias = str | float | None
 
 CLASS = "robot-dynamics"
 STYLE = f"""
-.{CLASS} table {{ border-collapse: collapse; display: block; overflow-x: auto; max-width: 100% }}
+.{CLASS} table {{ border-collapse: collapse; display: block; overflow-x: auto; max-width: 100%; font-size: .9em }}
 .{CLASS} th, .{CLASS} td {{ padding: .1em .55em; text-align: right; white-space: nowrap }}
 .{CLASS} .text {{ text-align: left }}
 .{CLASS} p {{ margin: .25em 0; text-align: left }}

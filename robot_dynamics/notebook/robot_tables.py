@@ -96,6 +96,11 @@ def _joint_table(robot: Robot) -> HtmlElement:
         rows.append([*cells, length_text(r), *(() if joint is None else _limits(joint))])
     if len(robot.joints) > MAX_JOINTS:
         rows.append([f"and {len(robot.joints) - MAX_JOINTS} more"])
+    for column in (HEADER.index("γ"), HEADER.index("b")):
+        if all(
+            row[column] == "0" for row in rows[1:] if len(row) > column
+        ):  # of most robots: as in tables of textbooks
+            rows = [[*row[:column], None, *row[column + 1 :]] for row in rows]
     return table((*HEADER, *RATE_HEADER), rows)
 
 

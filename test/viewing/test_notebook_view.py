@@ -48,3 +48,18 @@ def test_dynamics_are_shown_as_their_robot():
 def test_other_objects_are_refused():
     with pytest.raises(InvalidInputError, match="takes a Robot, as load_robot returns it, not 'panda'"):
         notebook_view("panda")
+
+
+@pytest.mark.slow
+def test_nothing_is_printed_in_a_notebook(monkeypatch):
+    """In a notebook rich, by which viser prints a banner, publishes HTML instead of writing to stdout."""
+    import rich
+    from rich.console import Console
+
+    published = []
+    monkeypatch.setattr("rich.jupyter.display", lambda segments, text: published.append(text))
+    monkeypatch.setattr(rich, "_console", Console(force_jupyter=True))
+    notebook_view(load_robot("rx90"))
+    assert published == []
+    rich.print("shown again")
+    assert "shown again" in "".join(published)
