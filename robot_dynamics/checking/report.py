@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.optional_packages import import_optional
+from robot_dynamics.plots.limit_distance import is_near
 from robot_dynamics.plots.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 
 if TYPE_CHECKING:
@@ -164,7 +165,7 @@ def _joint_figure(check: CheckResult, column: int) -> Figure:
 
 
 def _draw_limit(figure: Figure, check: CheckResult, column: int) -> None:
-    """Write the unit and the limit of the effort of a joint, and draw its lines, which are seen where they are near."""
+    """Write the unit and the limit of the effort of a joint, and draw the limit where it is near the curves."""
     if not check.joints:
         return
     joint = check.joints[column]
@@ -173,7 +174,12 @@ def _draw_limit(figure: Figure, check: CheckResult, column: int) -> None:
     figure.update_yaxes(title_text=f"residual [{unit}]", row=2, col=1)
     has_limit = np.isfinite(limit)
     figure.update_yaxes(title_text=f"effort [{unit}]" + (f"<br>limit ±{limit:.4g}" if has_limit else ""), row=1, col=1)
-    for value in (-limit, limit) if has_limit else ():
+    samples = check.comparison.plot_samples
+    efforts = np.concatenate([samples.measured[:, column], samples.predicted[:, column]])
+    efforts = efforts[np.isfinite(efforts)]
+    # one that is far away would flatten the curves: plotly fits the axis to lines too
+    near = [value for value in (-limit, limit) if has_limit and len(efforts) and is_near(value, efforts)]
+    for value in near:
         figure.add_hline(value, row=1, col=1, line={"color": RESIDUAL, "dash": "longdash", "width": 1})
 
 

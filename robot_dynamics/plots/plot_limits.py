@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robot_dynamics.plots.limit_distance import is_near
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -19,8 +21,6 @@ NOTE: dict[str, Any] = {
 NOTE_ROOM = 0.16
 """Height of a note, relative to the range of the axis."""
 LABEL = "limit"
-NEAR = 0.6
-"""A limit is drawn as a line up to this distance from the plotted values, relative to their range or size."""
 
 
 def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
@@ -35,13 +35,12 @@ def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
     unit : str
         Unit of the limits.
     """
-    low, high = axes.get_ylim()
-    reach = NEAR * max(high - low, abs(low), abs(high))
+    view = np.array(axes.get_ylim())
     far = []
-    for limit, is_near in ((lower, lower >= low - reach), (upper, upper <= high + reach)):
+    for limit in (lower, upper):
         if not np.isfinite(limit):
             continue
-        if is_near:
+        if is_near(limit, view):
             is_first = LABEL not in axes.get_legend_handles_labels()[1]
             axes.axhline(limit, label=LABEL if is_first else None, **LIMIT_LINE)
         else:
@@ -52,4 +51,4 @@ def draw_limits(axes: Axes, lower: float, upper: float, unit: str) -> None:
         note = f"limit{'s' if len(far) == 2 and not is_symmetric else ''} {text} {unit}"
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + NOTE_ROOM * (high - low))
-        axes.text(0.98, 0.98, note, transform=axes.transAxes, **NOTE)
+        axes.text(0.98, 0.98 - 0.11 * len(axes.texts), note, transform=axes.transAxes, **NOTE)
