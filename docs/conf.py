@@ -36,6 +36,8 @@ nitpick_ignore = [
     ("py:class", "rcl_interfaces.msg._set_parameters_result.SetParametersResult"),
     # types that a user neither makes nor takes apart
     *(("py:class", name) for name in ("ConstrainedState", "Flexibility", "JointDynamics", "Loop", "LoopCoordinates")),
+    ("py:class", "robot_dynamics.viewing.played_motion.PlayedMotion"),
+    ("py:class", "PlayedMotion"),
     *(
         ("py:class", name)
         for name in ("Platform", "ProgramResult", "robot_dynamics.flexible.elastodynamics.RobotGeometry")

@@ -16,6 +16,7 @@ from robot_dynamics.errors import (
     SimulationError,
     SingularModelError,
 )
+from robot_dynamics.notebook_display import register_formatter
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from robot_dynamics.simulation.simulation import Simulation
     from robot_dynamics.simulation.simulation_state import SimulationState
     from robot_dynamics.simulation.wheels import Wheel
+    from robot_dynamics.viewing.notebook_view import notebook_view
     from robot_dynamics.viewing.skeleton import add_skeleton
 
 __all__ = [
@@ -75,6 +77,7 @@ __all__ = [
     "compute_base_parameters",
     "frequency_map",
     "load_robot",
+    "notebook_view",
     "pose_map",
     "shipped_robots",
     "simulate",
@@ -111,6 +114,7 @@ _MODULES = {
     "compute_base_parameters": "identification.base_parameters",
     "frequency_map": "flexible.frequency_map",
     "load_robot": "model.loading",
+    "notebook_view": "viewing.notebook_view",
     "pose_map": "parallel.pose_map",
     "shipped_robots": "model.loading",
     "simulate": "simulation.rollouts",
@@ -118,6 +122,16 @@ _MODULES = {
     "write_par": "model.formats.par.writer",
     "write_urdf": "model.formats.urdf.writer",
 }
+
+
+def _format_for_notebook(value: object) -> str | None:
+    """Return the HTML of an object; the layout is imported where a notebook first shows something."""
+    from robot_dynamics.notebook.formatters import format_html
+
+    return format_html(value)
+
+
+register_formatter(_format_for_notebook)
 
 
 def __getattr__(name: str) -> object:

@@ -19,6 +19,7 @@ from robot_dynamics.inputs import Base
 from robot_dynamics.joint_space.joint_dynamics import JointDynamics
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import BASE_ROWS
+from robot_dynamics.notebook_display import notebook_html
 from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms
 from robot_dynamics.results import DynamicsResult, Equilibrium
 
@@ -99,6 +100,8 @@ class Dynamics(JointDynamics):
 
     Methods keep no state: each result depends on the arguments alone.
     """
+
+    _repr_html_ = notebook_html
 
     def __init__(self, robot: Robot, *, compiled: bool = True) -> None:
         if not isinstance(robot, Robot):

@@ -7,6 +7,7 @@ from robot_dynamics.errors import MissingPackageError
 
 # {module: (name for pip, package of Ubuntu 24.04 with a suitable version or None, extra of robot_dynamics or None)}
 INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
+    "PIL": ("pillow", "python3-pil", "view"),
     "backports": ("backports.zstd", None, "bags"),
     "clarabel": ("clarabel", None, "identify"),
     "collada": ("pycollada", "python3-collada", "view"),

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_dynamics.array_checks import refuse_overflow
 from robot_dynamics.errors import SingularModelError
+from robot_dynamics.notebook_display import notebook_html
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray
@@ -40,6 +41,9 @@ class JointMotion(NamedTuple):
     velocities: Array
     accelerations: Array
 
+    def _repr_html_(self) -> str | None:
+        return notebook_html(self)
+
 
 @dataclass(frozen=True, eq=False)
 class DynamicsResult:
@@ -66,6 +70,8 @@ class DynamicsResult:
     the reactions are those of least norm.
     """
 
+    _repr_html_ = notebook_html
+
     accelerations: Array
     efforts: Array
     motion: JointMotion
@@ -91,6 +97,8 @@ class Equilibrium:
         Whether the unactuated joints return after a small displacement. Gravity and springs are considered. External
         wrenches turn with their links and can excite an equilibrium that counts as stable here.
     """
+
+    _repr_html_ = notebook_html
 
     positions: Array
     joint_positions: Array

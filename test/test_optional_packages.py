@@ -198,3 +198,23 @@ def test_missing_dependency_of_an_optional_package_is_named():
     )
     done = run_without(["trimesh"], program=program)
     assert "reading a URDF needs yourdfpy, and that trimesh, which is not installed" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.parametrize("package", ["trimesh", "PIL"])
+def test_tables_of_a_notebook_need_no_optional_package(package):
+    program = (
+        "from robot_dynamics import load_robot; text = load_robot('rx90')._repr_html_();"
+        "assert text.count('<tr>') == 8, text; print(text[text.index('<p>'):][:400])"
+    )
+    done = run_without([package], program=program)
+    assert done.returncode == 0, done.stderr
+    assert "needs" in done.stdout and "pip install" in done.stdout and "robot_dynamics[view]" in done.stdout
+
+
+def test_plots_of_a_notebook_become_a_line_without_matplotlib():
+    program = (
+        "import numpy as np; from robot_dynamics import Dynamics, load_robot; q = np.zeros((3, 6));"
+        "print(Dynamics(load_robot('rx90'), compiled=False).solve(q, q, qdd=q)._repr_html_())"
+    )
+    done = run_without(["matplotlib"], program=program)
+    assert "A plot needs matplotlib: pip install" in done.stdout and "<table>" in done.stdout, done.stderr

@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 EXPLANATION = ROOT / "docs" / "explanation"
-MOST_PUBLIC_NAMES = 40
+MOST_PUBLIC_NAMES = 45
 LONGEST_CHAIN = 12  # modules of which each imports the next one
 
 specification = importlib.util.spec_from_file_location("structure", ROOT / "tools" / "structure.py")

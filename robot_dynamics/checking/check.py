@@ -15,6 +15,7 @@ from robot_dynamics.checking.coverage import NOTHING_JUDGED, compute_coverage, r
 from robot_dynamics.checking.prediction_filter import PredictionFilter
 from robot_dynamics.checking.verdicts import compute_verdicts, effort_limits, tolerated_rms, undetermined_scale
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.notebook_display import notebook_html
 from robot_dynamics.recordings.joint_motions import Motion
 from robot_dynamics.recordings.position_limits import note_limit_violations
 from robot_dynamics.recordings.sample_statistics import SampleStatistics
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from robot_dynamics.checking.tolerances import Tolerances
     from robot_dynamics.checking.verdicts import FailedSegment, Verdict
     from robot_dynamics.dynamics import Dynamics
+    from robot_dynamics.model.joint import Joint
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.recording import ProgressWrapper, Recording
 
@@ -48,7 +50,10 @@ class CheckResult:
     segments : times out of tolerance.
     notes : sentences on samples that were skipped or replaced.
     comparison : sums over the samples, and some samples for figures.
+    joints : the joints of the verdicts, which have their limits; empty where they are not known.
     """
+
+    _repr_html_ = notebook_html
 
     recording: str
     robot: str
@@ -61,6 +66,7 @@ class CheckResult:
     segments: tuple[FailedSegment, ...]
     notes: tuple[str, ...]
     comparison: Comparison
+    joints: tuple[Joint, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -260,6 +266,7 @@ def judge(recording: str, dynamics: Dynamics, tolerances: Tolerances, sums: Chec
     return CheckResult(
         recording=recording,
         robot=dynamics.robot.name,
+        joints=checked_joints(dynamics),
         rate=sums.rate,
         cutoff=sums.cutoff,
         duration=sums.end,
@@ -270,3 +277,8 @@ def judge(recording: str, dynamics: Dynamics, tolerances: Tolerances, sums: Chec
         notes=(*sums.notes, *statistics.sentences, *undetermined_scale(verdicts, tolerances)),
         comparison=comparison,
     )
+
+
+def checked_joints(dynamics: Dynamics) -> tuple[Joint, ...]:
+    """Return the joints that are compared, with their limits."""
+    return tuple(dynamics.robot.joints[dynamics.robot.joint_numbers[name]] for name in dynamics.joint_names)

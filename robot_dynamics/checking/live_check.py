@@ -217,6 +217,10 @@ class LiveCheck:
         return CheckResult(
             recording="joint states",
             robot=self.dynamics.robot.name,
+            joints=tuple(
+                self.dynamics.robot.joints[self.dynamics.robot.joint_numbers[name]]
+                for name in self.dynamics.joint_names
+            ),
             rate=latest_motion.rate,
             cutoff=latest_motion.cutoff,
             duration=latest_motion.end,

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.checking.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 from robot_dynamics.optional_packages import import_optional
+from robot_dynamics.plots.limit_distance import is_near
+from robot_dynamics.plots.plot_colours import FAILED, MEASURED, PREDICTED, RESIDUAL
 
 if TYPE_CHECKING:
     from plotly.basedatatypes import BaseTraceType
@@ -158,8 +159,28 @@ def _joint_figure(check: CheckResult, column: int) -> Figure:
     for segment in check.segments:
         if segment.joint == verdict.joint.joint:
             figure.add_vrect(segment.start, segment.end, fillcolor=FAILED, opacity=0.15, line_width=0)
+    _draw_limit(figure, check, column)
     figure.update_xaxes(title_text="time [s]", row=2, col=1)
     return _set_layout(figure, 420)
+
+
+def _draw_limit(figure: Figure, check: CheckResult, column: int) -> None:
+    """Write the unit and the limit of the effort of a joint, and draw the limit where it is near the curves."""
+    if not check.joints:
+        return
+    joint = check.joints[column]
+    unit = "N" if joint.prismatic else "N m"
+    limit = joint.limits.effort
+    figure.update_yaxes(title_text=f"residual [{unit}]", row=2, col=1)
+    has_limit = np.isfinite(limit)
+    figure.update_yaxes(title_text=f"effort [{unit}]" + (f"<br>limit ±{limit:.4g}" if has_limit else ""), row=1, col=1)
+    samples = check.comparison.plot_samples
+    efforts = np.concatenate([samples.measured[:, column], samples.predicted[:, column]])
+    efforts = efforts[np.isfinite(efforts)]
+    # one that is far away would flatten the curves: plotly fits the axis to lines too
+    near = [value for value in (-limit, limit) if has_limit and len(efforts) and is_near(value, efforts)]
+    for value in near:
+        figure.add_hline(value, row=1, col=1, line={"color": RESIDUAL, "dash": "longdash", "width": 1})
 
 
 def _histograms(check: CheckResult) -> Figure:

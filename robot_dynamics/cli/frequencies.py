@@ -1,8 +1,8 @@
 """Compute the natural frequencies of a robot with flexible links or elastic joints, with motors and brakes holding.
 
 The pose is the initial one, --pose of the platform, or --joints. --mode K draws the K-th mode as an animation. --map
-draws the lowest frequencies over two coordinates of the platform. Drawings are self-contained HTML files; maps can be
-PNG files too.
+draws the lowest frequencies over two coordinates of the platform, all in one colour scale. Drawings are self-contained
+HTML files; maps can be pictures too.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.cli.output_files import check_ending, check_writable, output_file, write_text
-from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
+from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid, parse_scale
 from robot_dynamics.cli.progress import progress_bar
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.cli.text_table import print_table
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 NAME = "frequencies"
 MODE_ENDINGS = (".html",)
-MAP_ENDINGS = (".html", ".png")
+MAP_ENDINGS = (".html", ".png", ".pdf", ".svg")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -49,7 +49,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--count", type=int, default=10, help="number of frequencies (default: %(default)s)")
     parser.add_argument("--mode", type=int, metavar="K", help="draw this mode into --output, an .html file")
-    parser.add_argument("--map", metavar="x:LOW:HIGH:N,y:..", help="draw a map into --output, an .html or .png file")
+    parser.add_argument("--map", metavar="x:LOW:HIGH:N,y:..", help="draw a map into --output")
+    parser.add_argument(
+        "--range",
+        metavar="LOW:HIGH",
+        help="colour scale of --map [Hz], to compare maps (default: the frequencies of the map)",
+    )
     parser.add_argument("--output", metavar="FILE", help="output file of the drawing (default: mode.html or map.html)")
 
 
@@ -108,7 +113,7 @@ def parse_positions(arguments: Namespace, dynamics: Dynamics) -> Array:
 
 def draw_map(arguments: Namespace, dynamics: Dynamics) -> None:
     """Compute a map of the frequencies, draw it into a file, and print the range of each frequency."""
-    from robot_dynamics.cli import frequency_plots  # here, because plotting packages are slow to import
+    from robot_dynamics.plots import frequency_map_plot, map_page  # here, because plotting packages are slow to import
 
     if arguments.joints is not None or arguments.held is not None:
         raise InvalidInputError(
@@ -117,19 +122,20 @@ def draw_map(arguments: Namespace, dynamics: Dynamics) -> None:
     path = _output_path(arguments, "map.html", MAP_ENDINGS)
     axes = parse_grid("--map", arguments.map, counts=(2,))
     fixed_coordinates = parse_assignments("--pose", arguments.pose)
+    scale = parse_scale("--range", arguments.range)
     is_html = path.suffix.lower() == ".html"
     if is_html:
-        frequency_plots.import_plotly()  # fails before the computation if plotly is missing
+        map_page.import_plotly()  # fails before the computation if plotly is missing
     threads = available_processors()
     with progress_bar(100, "poses", "%") as show_progress:
         result = frequency_map(
             dynamics, axes, fixed_coordinates, arguments.count, threads, lambda share: show_progress(100 * share)
         )
     if is_html:
-        write_text(path, frequency_plots.map_html(dynamics.robot.name, result))
+        write_text(path, map_page.frequency_map_page(result, dynamics.robot.name, scale))
     else:
         with output_file(path) as file:
-            frequency_plots.save_map_png(dynamics.robot.name, result, file)
+            frequency_map_plot.draw_frequency_map(file, result, dynamics.robot.name, scale)
     print(f"{path}: {result.reachable.sum()} of {result.reachable.size} poses reached")
     if result.reachable.any():
         rows: list[list[Cell]] = []

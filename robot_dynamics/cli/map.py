@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.cli.output_files import check_ending, check_writable, output_file
-from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid
+from robot_dynamics.cli.output_files import check_ending, check_writable, output_file, write_text
+from robot_dynamics.cli.pose_arguments import parse_assignments, parse_grid, parse_scale
 from robot_dynamics.cli.progress import progress_bar
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.parallel.pose_map import COORDINATE_UNITS, pose_map
+from robot_dynamics.plots.colour_scale import CONDITION_SCALE
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from robot_dynamics.parallel.pose_map import PoseMap
 
 NAME = "map"
-IMAGE_ENDINGS = (".png", ".pdf", ".svg", ".jpg")
+ENDINGS = (".png", ".pdf", ".svg", ".jpg", ".html")
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -58,7 +59,16 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--output",
         metavar="FILE",
         default="map.png",
-        help=f"output file of the picture: {', '.join(IMAGE_ENDINGS)} (default: %(default)s)",
+        help=f"output file: a picture, or a page with the values under the cursor: {', '.join(ENDINGS)} "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--condition-range", metavar="LOW:HIGH", help="colour scale of the condition number (default: 1:100)"
+    )
+    parser.add_argument(
+        "--effort-range",
+        metavar="LOW:HIGH",
+        help="colour scale of the largest effort [N m or N], to compare maps (default: the efforts of the map)",
     )
     parser.add_argument("--csv", metavar="FILE", help="output file of a table of all poses")
 
@@ -67,21 +77,33 @@ def run(arguments: Namespace) -> None:
     """Compute the map, print a summary, and write the picture and the table."""
     axes = parse_grid("--over", arguments.over)
     fixed_coordinates = parse_assignments("--at", arguments.at)
-    check_ending(arguments.output, IMAGE_ENDINGS, "--output")
+    is_page = check_ending(arguments.output, ENDINGS, "--output") == ".html"
+    scales = (
+        parse_scale("--condition-range", arguments.condition_range) or CONDITION_SCALE,
+        parse_scale("--effort-range", arguments.effort_range),
+    )
     for path in filter(None, (arguments.output, arguments.csv)):
         check_writable(path)
+    from robot_dynamics.plots import map_page, pose_map_plot  # here, because they take half a second to import
+
+    if is_page:
+        map_page.import_plotly()  # fails before the computation if plotly is missing
     dynamics = Dynamics(load_robot_argument(arguments))
     dynamics.platform  # noqa: B018 (raises before the computation if the robot has no platform)
     result = _compute_map(dynamics, axes, fixed_coordinates, arguments.acceleration)
     print("\n".join(_summary(result, dynamics.robot)))
-    from robot_dynamics.cli.map_plot import draw_pose_map  # here, because it takes half a second to import
-
-    with output_file(arguments.output) as file:
-        draw_pose_map(file, result, dynamics.robot, arguments.acceleration)
+    if is_page:
+        write_text(arguments.output, map_page.pose_map_page(result, dynamics.robot, arguments.acceleration, *scales))
+    else:
+        with output_file(arguments.output) as file:
+            pose_map_plot.draw_pose_map(file, result, dynamics.robot, arguments.acceleration, *scales)
     if arguments.csv:
         with output_file(arguments.csv) as file:
             _write_table(file, result, dynamics.robot)
-    print(f"picture: {arguments.output}" + (f", table: {arguments.csv}" if arguments.csv else ""))
+    print(
+        f"{'page' if is_page else 'picture'}: {arguments.output}"
+        + (f", table: {arguments.csv}" if arguments.csv else "")
+    )
 
 
 def _compute_map(

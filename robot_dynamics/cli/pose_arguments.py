@@ -9,6 +9,7 @@ import numpy as np
 
 from robot_dynamics.errors import InvalidInputError, describe_unknown_name
 from robot_dynamics.model.platform import COORDINATES
+from robot_dynamics.plots.colour_scale import ColourScale
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -60,6 +61,17 @@ def parse_grid(option: str, text: str, counts: Sequence[int] = (1, 2)) -> dict[s
         allowed = " or ".join(COUNT_WORDS[count] for count in counts)
         raise InvalidInputError(f"{option} {text}: {allowed} coordinates vary in a map, each once")
     return axes
+
+
+def parse_scale(option: str, text: str | None) -> ColourScale | None:
+    """Parse the colour scale of a map, such as `0:50`; None where there is no text. Raises InvalidInputError."""
+    if text is None:
+        return None
+    ends = [_parse_number(part) for part in text.split(":")]
+    numbers = [number for number in ends if number is not None]
+    if len(ends) != 2 or len(numbers) != 2 or not 0 <= numbers[0] < numbers[1]:
+        raise InvalidInputError(f"{option} {text}: LOW:HIGH is needed, zero or more, and the larger number last: 0:50")
+    return ColourScale(*numbers)
 
 
 def _parse_name(option: str, text: str, names: Sequence[str], kind: str) -> str:

@@ -18,6 +18,7 @@ from robot_dynamics.flexible.matrices import Matrices, constrained_matrices, con
 from robot_dynamics.flexible.matrices_program import MatricesProgram
 from robot_dynamics.flexible.structure_builder import build_structure
 from robot_dynamics.newton_euler.kinematics import link_placements
+from robot_dynamics.notebook_display import notebook_html
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
@@ -42,6 +43,8 @@ class NaturalFrequencies:
         Names of the g coordinates: `joint` [rad or m]; `link.element.component` [m or rad], displacement of the end of
         an element relative to its start, in its axes; `body.component`, displacement of a free body, in its axes.
     """
+
+    _repr_html_ = notebook_html
 
     frequencies: Array
     mode_shapes: Array

@@ -17,6 +17,7 @@ from robot_dynamics.inputs import UNACTUATED_REASON, base_state, common_batch_sh
 from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
+from robot_dynamics.notebook_display import notebook_html
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
@@ -40,6 +41,8 @@ class FlexibleDynamicsResult:
     efforts : (..., n)
         Efforts of the actuators [N m or N]; zero at unactuated joints.
     """
+
+    _repr_html_ = notebook_html
 
     accelerations: Array
     elastic_accelerations: Array

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.parallel.pose_map import evaluate_over_grid
+from robot_dynamics.notebook_display import notebook_html
+from robot_dynamics.parallel.pose_map import complete_coordinates, evaluate_over_grid
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
@@ -27,11 +28,16 @@ class FrequencyMap:
         Whether the legs reach the pose.
     frequencies : (..., m)
         [Hz], ascending; nan where the legs do not reach the pose.
+    fixed_coordinates : dict of str to float
+        The other free coordinates [m or rad].
     """
+
+    _repr_html_ = notebook_html
 
     axes: dict[str, ArrayLike]
     reachable: BoolArray
     frequencies: Array
+    fixed_coordinates: dict[str, float] = field(default_factory=dict)
 
 
 def frequency_map(
@@ -82,4 +88,4 @@ def frequency_map(
         return reachable, frequencies
 
     reachable, frequencies = evaluate_over_grid(dynamics, axes, fixed_coordinates, evaluate, progress)
-    return FrequencyMap(dict(axes), reachable, frequencies)
+    return FrequencyMap(dict(axes), reachable, frequencies, complete_coordinates(dynamics, axes, fixed_coordinates))

@@ -21,6 +21,7 @@ from robot_dynamics.constraints.constrained_state import projection_matrix
 from robot_dynamics.identification.motion_samples import sample_loop_motions, sample_random_motions
 from robot_dynamics.inputs import base_state
 from robot_dynamics.newton_euler.regressor import regressor
+from robot_dynamics.notebook_display import notebook_html
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -50,6 +51,8 @@ class BaseParameters:
         Smallest singular value of the regressor that counts towards its rank, and the largest that does not. The
         columns have length 1, and both values are divided by the largest singular value.
     """
+
+    _repr_html_ = notebook_html
 
     names: tuple[str, ...]
     independent: list[int]

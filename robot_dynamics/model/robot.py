@@ -25,6 +25,7 @@ from robot_dynamics.model.payload import find_payload_warnings
 from robot_dynamics.model.platform import check_platform
 from robot_dynamics.model.robot_warnings import MASSLESS_WARNING as MASSLESS_WARNING
 from robot_dynamics.model.robot_warnings import find_warnings
+from robot_dynamics.notebook_display import notebook_html
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
@@ -139,6 +140,8 @@ class Robot:
     -----
     Source: Khalil, section 2.
     """
+
+    _repr_html_ = notebook_html
 
     name: str
     links: tuple[Link, ...]

@@ -11,6 +11,7 @@ import numpy as np
 from robot_dynamics.array_types import Array
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.platform import COORDINATES
+from robot_dynamics.notebook_display import notebook_html
 from robot_dynamics.parallel.platform_motion import check_coordinate, coordinates_from_pose, pose_from_coordinates
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ class PoseMap:
     joint_names : tuple of str
         The n motors.
     """
+
+    _repr_html_ = notebook_html
 
     axes: dict[str, ArrayLike]
     fixed_coordinates: dict[str, float]
@@ -99,7 +102,7 @@ def pose_map(
         lambda poses: _evaluate_poses(dynamics, poses, acceleration),
         progress,
     )
-    fixed = _fixed_coordinates(dynamics, axes, fixed_coordinates)
+    fixed = complete_coordinates(dynamics, axes, fixed_coordinates)
     return PoseMap(
         dict(axes), fixed, reachable, within_limits, condition_number, efforts, positions, dynamics.joint_names
     )
@@ -122,7 +125,7 @@ def evaluate_over_grid(
             f"{dynamics.robot.name!r} has platforms {', '.join(platform.link_names)}: a map is of one alone"
         )
     initial = _initial_coordinates(dynamics)
-    fixed = _fixed_coordinates(dynamics, axes, fixed_coordinates)
+    fixed = complete_coordinates(dynamics, axes, fixed_coordinates)
     grid = np.meshgrid(*axes.values(), indexing="ij")
     x = np.tile(list(initial.values()), (grid[0].size, 1))
     for name, value in fixed.items():
@@ -145,7 +148,7 @@ def _initial_coordinates(dynamics: Dynamics) -> dict[str, float]:
     return dict(zip(COORDINATES, coordinates_from_pose(pose).tolist(), strict=True))
 
 
-def _fixed_coordinates(
+def complete_coordinates(
     dynamics: Dynamics, axes: Mapping[str, ArrayLike], fixed_coordinates: Mapping[str, float] | None
 ) -> dict[str, float]:
     """Return the values of all free coordinates that do not vary, checked."""

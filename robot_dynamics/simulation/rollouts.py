@@ -13,6 +13,7 @@ from robot_dynamics.array_checks import require_finite
 from robot_dynamics.codegen.jit.threads import available_processors
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.robot import Robot
+from robot_dynamics.notebook_display import notebook_html
 from robot_dynamics.simulation.distributed_rollouts import distribute_rollouts
 from robot_dynamics.simulation.rollout_runner import RolloutRunner
 from robot_dynamics.simulation.simulation import Simulation
@@ -42,6 +43,9 @@ class Rollouts(NamedTuple):
     times: Array
     positions: Array
     velocities: Array
+
+    def _repr_html_(self) -> str | None:
+        return notebook_html(self)
 
 
 def simulate(

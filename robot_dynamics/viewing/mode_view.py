@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from robot_dynamics.viewing.mode_geometry import AttachedMesh, ModeGeometry
 
 COLOURS = {"beams": (42, 111, 187), "arms": (96, 104, 116), "joints": (208, 112, 42)}
-REST_COLOUR = (170, 176, 186)
-REST_OPACITY = 0.25
+REST_COLOUR = (120, 126, 138)
+REST_OPACITY = 0.35
 
 
 class ModeView:

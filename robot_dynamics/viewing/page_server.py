@@ -58,9 +58,14 @@ def stop_server(server: ViserServer) -> None:
 
 @contextmanager
 def silenced() -> Iterator[None]:
-    """Drop what the block prints: viser prints a banner."""
-    with redirect_stdout(io.StringIO()):
-        yield
+    """Drop what the block prints: viser prints a banner, by rich, which does not use stdout in a notebook."""
+    console = import_optional("rich", "a page in three dimensions").get_console()
+    was_quiet, console.quiet = console.quiet, True
+    try:
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        console.quiet = was_quiet
 
 
 def frame_camera(server: ViserServer, bounds: Array, distance: float = 1.0) -> None:

@@ -18,9 +18,10 @@ from peers.gough_stewart import gough_stewart
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli.main import main
-from robot_dynamics.cli.map_plot import POSE_CLASSES, draw_pose_map
 from robot_dynamics.parallel.platform_dynamics import pose_from_coordinates
 from robot_dynamics.parallel.pose_map import pose_map
+from robot_dynamics.plots.pose_classes import POSE_CLASSES
+from robot_dynamics.plots.pose_map_plot import draw_pose_map
 
 
 def table(path):
@@ -121,7 +122,10 @@ def test_progress_bar_is_shown_on_a_terminal(tmp_path):
         (["gough_stewart", "--over", "x:0:inf:5"], "from a number to a larger one"),
         (["gough_stewart", "--over", "x:0:1:5,y:0:1:5,z:1:2:5"], "one or two coordinates vary"),
         (["gough_stewart", "--over", "x:0:1:5,x:1:2:5"], "each once"),
-        (["gough_stewart", "--over", "x:0:1:5", "--output", "map.bmp"], "must end with .png, .pdf, .svg or .jpg"),
+        (
+            ["gough_stewart", "--over", "x:0:1:5", "--output", "map.bmp"],
+            ".pdf, .svg, .jpg or .html",
+        ),
         (["gough_stewart", "--over", "x:0:1:5", "--csv", "/proc/no/folder/map.csv"], "map.csv cannot be written"),
         (["panda", "--over", "x:0:1:5"], "has no platform"),
         (["hexapod_stack", "--over", "x:0:1:5"], "a map is of one alone"),

@@ -5,9 +5,10 @@ import pytest
 from peers.navaro import BAR_LENGTH, GROUND, navaro_frame
 
 from robot_dynamics import Dynamics, InvalidInputError, load_robot
-from robot_dynamics.cli.frequency_plots import map_html, save_map_png
 from robot_dynamics.flexible.frequency_map import frequency_map
 from robot_dynamics.parallel.platform_dynamics import pose_from_coordinates
+from robot_dynamics.plots.frequency_map_plot import draw_frequency_map
+from robot_dynamics.plots.map_page import frequency_map_page
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +60,11 @@ def test_welded_ends_move_together_and_feet_stay(dynamics):
 
 
 def test_frequency_map_is_saved_as_a_picture(frequencies_on_grid, tmp_path):
-    save_map_png("navaro", frequencies_on_grid, tmp_path / "map.png")
+    draw_frequency_map(tmp_path / "map.png", frequencies_on_grid, "navaro")
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_html_page_of_a_map_is_self_contained(frequencies_on_grid):
     pytest.importorskip("plotly", reason="plotly, which draws in HTML, is not installed")
-    page = map_html("navaro", frequencies_on_grid)
+    page = frequency_map_page(frequencies_on_grid, "navaro")
     assert "<script src" not in page and "Plotly.newPlot" in page

@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import pyplot
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
@@ -27,6 +26,7 @@ from robot_dynamics.nodes.demo.bag_recorder import BagRecorder
 from robot_dynamics.nodes.demo.closed_loop_client import ClosedLoopClient
 from robot_dynamics.nodes.demo.motion import Motion
 from robot_dynamics.nodes.processes import running_node
+from robot_dynamics.plots.plot_style import PAGE_WIDTH, new_figure, plot_style, save_figure
 from robot_dynamics.recordings.bags import import_rosbag2
 
 if TYPE_CHECKING:
@@ -150,21 +150,27 @@ def measure_base_motion(client: ServiceClient, namespace: str, bag: Path) -> Bas
     )
 
 
+@plot_style()
 def draw(picture: str, errors: Mapping[str, tuple[Array, Array]], base: BaseMotion) -> None:
     """Draw the tracking errors of each mode and the motion of the base into a file."""
-    figure, (left, right) = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
-    for (mode, (times, values)), style in zip(errors.items(), ("-", "--"), strict=True):
-        left.semilogy(times, 1e3 * np.linalg.norm(values, axis=1), style, label=MODES[mode])
+    figure = new_figure(PAGE_WIDTH, 3.2)
+    left, right = figure.subplots(1, 2)
+    for mode, (times, values) in errors.items():
+        left.semilogy(times, 1e3 * np.linalg.norm(values, axis=1), label=MODES[mode])
     left.set(title="Franka Panda: tracking error, same gains", xlabel="time [s]", ylabel="|q_d − q| [mrad]")
     for k, axis in enumerate("xyz"):
-        right.plot(base.times, 1e3 * base.positions[:, k], label=f"{axis} [mm]")
-    right.plot(base.times, np.degrees(base.angles) * 10, "k--", label="angle of rotation [0.1°]")
-    right.set(title="free-flying arm: its base moves by reaction", xlabel="time [s]")
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-        axes.legend(fontsize=8)
-    figure.savefig(picture, dpi=110)
-    pyplot.close(figure)
+        right.plot(base.times, 1e3 * base.positions[:, k], label=f"position {axis}")
+    angle = right.twinx()
+    angle.grid(False)
+    angle.spines["right"].set_visible(True)
+    angle.plot(base.times, np.degrees(base.angles), color="0.35", linestyle=(0, (1, 1)), label="angle, right axis")
+    right.set(title="free-flying arm: its base moves by reaction", xlabel="time [s]", ylabel="position [mm]")
+    angle.set_ylabel("angle of rotation [°]")
+    below: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncols": 2}
+    left.legend(**{**below, "ncols": 1})
+    handles = [*right.get_legend_handles_labels()[0], *angle.get_legend_handles_labels()[0]]
+    angle.legend(handles=handles, **below)
+    save_figure(figure, picture)
 
 
 def show_closed_loops(client: ServiceClient, namespace: str, motion: Motion, picture: str, bag: Path) -> int:

@@ -10,7 +10,6 @@ import sys
 from pathlib import Path
 from types import FrameType
 
-import matplotlib
 import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
@@ -18,15 +17,12 @@ from rclpy.utilities import try_shutdown
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.client import ServiceClient
-from robot_dynamics.nodes.log_folder import ensure_log_folder
-from robot_dynamics.nodes.processes import running_node
-from robot_dynamics.version import package_version
-
-matplotlib.use("Agg")  # no screen is needed; chosen before pyplot is imported
-
 from robot_dynamics.nodes.demo.closed_loop import show_closed_loops
 from robot_dynamics.nodes.demo.motion import Motion
 from robot_dynamics.nodes.demo.service_demo import show_services
+from robot_dynamics.nodes.log_folder import ensure_log_folder
+from robot_dynamics.nodes.processes import running_node
+from robot_dynamics.version import package_version
 
 PANDA_MOTION = Motion(
     start=np.array([-0.9, -0.6, 0.4, -2.4, 0.5, 1.2, -0.8]),

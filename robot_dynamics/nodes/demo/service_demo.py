@@ -5,16 +5,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib import pyplot
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.model.loading import load_robot
 from robot_dynamics.nodes.demo.motion import trajectory_points
+from robot_dynamics.plots.plot_labels import plain_label
+from robot_dynamics.plots.plot_limits import draw_limits
+from robot_dynamics.plots.plot_style import PAGE_WIDTH, new_figure, plot_style, save_figure
 from robot_dynamics_interfaces.srv import DirectDynamics, DynamicsTerms, InverseDynamics
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from robot_dynamics.array_types import Array
+    from robot_dynamics.model.joint import Joint
     from robot_dynamics.nodes.client import ServiceClient
     from robot_dynamics.nodes.demo.motion import Motion
 
@@ -102,24 +107,29 @@ def show_services(client: ServiceClient, server: str, motion: Motion, picture: s
         )
     error = np.abs(accelerations - qdd).max()
     print(f"\ndirect_dynamics returns these accelerations to {error:.1e} rad/s²")
-    draw(picture, times, unloaded, loaded, names)
+    draw(picture, times, unloaded, loaded, robot.joints)
     print(f"picture: {picture}")
     return 0 if error < 1e-6 else 1
 
 
-def draw(picture: str, times: Array, unloaded: Array, loaded: Array, names: list[str]) -> None:
+@plot_style()
+def draw(picture: str, times: Array, unloaded: Array, loaded: Array, joints: Sequence[Joint]) -> None:
     """Draw efforts (N, n) without and with the payload into a file."""
-    figure, axes = pyplot.subplots(2, 4, figsize=(11, 5), sharex=True, layout="constrained")
-    for k, (axis, name) in enumerate(zip(axes.flat, names, strict=False)):
-        axis.plot(times, unloaded[:, k], label="empty")
-        axis.plot(times, loaded[:, k], "--", label=f"with {PAYLOAD_MASS:g} kg at the flange")
-        axis.set_title(name, fontsize=9)
-        axis.grid(alpha=0.3)
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    axes.flat[-1].axis("off")
-    axes.flat[-1].legend(handles, labels, loc="center")
+    figure = new_figure(PAGE_WIDTH, 3.5)
+    panels = figure.subplots(2, 4, sharex=True).ravel()
+    for k, joint in enumerate(joints):
+        axes = panels[k]
+        axes.plot(times, unloaded[:, k], label="empty")
+        axes.plot(times, loaded[:, k], label=f"with {PAYLOAD_MASS:g} kg\nat the flange")
+        axes.set_title(plain_label(joint.name))
+        draw_limits(axes, -joint.limits.effort, joint.limits.effort, "N m")
+    # of all panels: a limit is near the curves in some of them
+    entries = {
+        label: line for axes in figure.axes for line, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    panels[-1].axis("off")
+    panels[-1].legend(entries.values(), entries.keys(), loc="center")
     figure.supxlabel("time [s]")
     figure.supylabel("torque [N m]")
     figure.suptitle("Franka Panda: joint torques of one motion, computed by dynamics_server")
-    figure.savefig(picture, dpi=110)
-    pyplot.close(figure)
+    save_figure(figure, picture)

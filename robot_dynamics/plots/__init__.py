@@ -1,0 +1,1 @@
+"""Pictures in two dimensions: their style, and maps over poses of platforms."""
