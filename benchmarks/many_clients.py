@@ -5,12 +5,13 @@
     python benchmarks/many_clients.py --depth 10       clients as in the documentation of rclpy, with its default depth
     python benchmarks/many_clients.py --clients 50 --seconds 600 --without-empty --per-client
 
-Each client sends its next request when it has the response to the last one. It has a DDS participant, a node and an
-executor of its own, in a thread; several share a process of Python (--processes), since 50 processes of Python would
+Each client sends its next request when it has the response to the last one. It has a DDS participant and a node of its
+own; several share a process of Python and its executor (--processes), since 50 processes or threads of Python would
 measure how two cores divide their time among them. The empty node is that of benchmarks/services.py.
 
 The column "first" has the longest time from the start of a client, while all are being discovered, to its first
-response. The waits are those of later requests. Lost are requests without a response within 10 s.
+response. The waits are those of later requests. The column "others" has the largest number of responses that all
+clients received during a wait. Lost are requests without a response within 10 s.
 """
 
 import argparse
@@ -26,9 +27,9 @@ from tabulate import tabulate
 from robot_dynamics.nodes.processes import running_node
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "test"))
-from peers.service_load import measure_clients
+from peers.service_load import measure_clients, responses_meanwhile
 
-HEADER = ["node", "clients", "points", "calls/s", "p50 [ms]", "p99 [ms]", "max [ms]", "max / p50"]
+HEADER = ["node", "clients", "points", "calls/s", "p50 [ms]", "p99 [ms]", "max [ms]", "max / p50", "others"]
 HEADER += ["lost", "calls of a client", "first [s]"]
 CLIENT_HEADER = ["client", "calls", "p50 [ms]", "max [ms]", "lost", "first [s]"]
 
@@ -39,15 +40,16 @@ def summary_rows(label, clients, seconds):
     silent = sum(first is None for first in firsts)
     first = f"{silent} without" if silent else f"{max(firsts):.2f}"
     assert sum(wrong for _, _, wrong in clients) == 0 or label == "empty", "responses with wrong efforts"
+    most = int(responses_meanwhile(clients).max())
     rows = []
-    for count in sorted({count for _, waits, _ in clients for count, _ in waits}):
-        of_clients = [[wait for points, wait in waits if points == count] for _, waits, _ in clients]
+    for count in sorted({count for _, waits, _ in clients for count, _, _ in waits}):
+        of_clients = [[wait for points, wait, _ in waits if points == count] for _, waits, _ in clients]
         responses = np.array([wait for waits in of_clients for wait in waits if wait is not None])
         sent = sum(map(len, of_clients))
         lost = f"{sent - len(responses)} of {sent}"
         calls = f"{min(map(len, of_clients))} to {max(map(len, of_clients))}"
         median, late, largest = 1e3 * np.percentile(responses, (50, 99, 100))
-        row = [label, len(clients), count, len(responses) / seconds, median, late, largest, largest / median]
+        row = [label, len(clients), count, len(responses) / seconds, median, late, largest, largest / median, most]
         rows.append([*row, lost, calls, first])
     return rows
 
@@ -56,8 +58,8 @@ def client_rows(clients):
     """Rows of a table with each client."""
     rows = []
     for index, (first, waits, _) in enumerate(clients):
-        responses = [1e3 * wait for _, wait in waits if wait is not None] or [float("nan")]
-        lost = sum(wait is None for _, wait in waits)
+        responses = [1e3 * wait for _, wait, _ in waits if wait is not None] or [float("nan")]
+        lost = sum(wait is None for _, wait, _ in waits)
         rows.append([index, len(waits), np.median(responses), max(responses), lost, first])
     return rows
 
@@ -91,10 +93,10 @@ def measure(options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--clients", type=int, nargs="+", default=[1, 50], help="numbers of clients (default: 1 50)")
-    parser.add_argument("--processes", type=int, default=5, help="processes that they are divided among (default: 5)")
+    parser.add_argument("--processes", type=int, default=1, help="processes that they are divided among (default: 1)")
     parser.add_argument("--seconds", type=float, default=20.0, help="time with each node (default: 20)")
     parser.add_argument("--mixed", action="store_true", help="requests of 1, 100 and 5000 points, else of one point")
-    parser.add_argument("--depth", type=int, help="clients of rclpy with this depth, else ServiceClient")
+    parser.add_argument("--depth", type=int, help="clients in threads, with this depth")
     parser.add_argument("--without-empty", action="store_true", help="only dynamics_server")
     parser.add_argument("--per-client", action="store_true", help="print a table of all clients too")
     measure(parser.parse_args())

@@ -7,7 +7,7 @@ import os
 
 import numpy as np
 from nodes.service_requests import PANDA
-from peers.service_load import measure_clients
+from peers.service_load import measure_clients, responses_meanwhile
 
 from robot_dynamics.nodes.client import ServiceClient
 from robot_dynamics.nodes.qos import SERVICE_QOS
@@ -22,21 +22,27 @@ CLIENTS = 50
 
 
 def test_each_of_fifty_clients_has_a_response_to_each_request(start_server):
-    """Those of a process share a participant, unless time is long: discovery would take most of the processor time."""
+    """They share a participant, unless time is long: discovery would take most of the processor time.
+
+    One process has all clients and takes responses in their order: of several, the system decides which one goes on.
+    """
     service = f"{start_server({'robot_file': 'panda'})}/inverse_dynamics_batch"
-    clients = measure_clients(service, CLIENTS, 5, SECONDS, participants=SECONDS > LONG)
+    clients = measure_clients(service, CLIENTS, 1, SECONDS, participants=SECONDS > LONG)
     assert len(clients) == CLIENTS
-    waits = [[wait for _, wait in of_client] for _, of_client, _ in clients]
+    waits = [[wait for _, wait, _ in of_client] for _, of_client, _ in clients]
     lost = sum(wait is None for of_client in waits for wait in of_client)
     calls = sorted(map(len, waits))
     responses = np.array([wait for of_client in waits for wait in of_client if wait is not None])
     median, largest = np.median(responses), responses.max()
+    meanwhile = responses_meanwhile(clients)
     print(f"\n{SECONDS:g} s: {len(responses) / SECONDS:.0f} responses/s, {calls[0]} to {calls[-1]} for a client")
     print(f"waits: median {1e3 * median:.1f} ms, largest {1e3 * largest:.1f} ms, {lost} requests without a response")
+    print(f"responses to others during a wait: median {np.median(meanwhile):.0f}, largest {meanwhile.max()}")
     assert all(first is not None for first, _, _ in clients)
     assert lost == 0
     assert sum(wrong for _, _, wrong in clients) == 0
     assert calls[0] > calls[CLIENTS // 2] / (3 if SECONDS > LONG else 10)
+    assert meanwhile.max() < MOST_WAIT * np.median(meanwhile)  # whatever else the machine does
     if SECONDS > LONG:
         assert largest < MOST_WAIT * median
 
