@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 from robot_dynamics.bound_model import BoundModel
 from robot_dynamics.codegen.jit.compiled_models import (
     FRAME_MODEL_TRACERS,
+    LOOP_MODELS,
     MODELS,
     CompiledModels,
     available_models,
@@ -195,7 +196,8 @@ class Dynamics(JointDynamics):
         if model not in MODELS | FRAME_MODEL_TRACERS:
             raise InvalidInputError(describe_unknown_name("model", model, MODELS | FRAME_MODEL_TRACERS))
         if model in MODELS and model not in available_models(self.robot):
-            raise InvalidInputError(f"{self.robot.name!r} has no loops to close")
+            reason = "no loops to close" if model in LOOP_MODELS else "no mass that can move"
+            raise InvalidInputError(f"{self.robot.name!r} has {reason}")
         if (frame is None) == (model in FRAME_MODEL_TRACERS):
             reason = "is that of a frame: give its name" if frame is None else "is not that of a frame: leave it out"
             raise InvalidInputError(f"{model} {reason}")

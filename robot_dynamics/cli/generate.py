@@ -17,7 +17,7 @@ from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
-from robot_dynamics.codegen.jit.compiled_models import FRAME_MODEL_TRACERS, MODELS, available_models
+from robot_dynamics.codegen.jit.compiled_models import FRAME_MODEL_TRACERS, LOOP_MODELS, MODELS, available_models
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
 
@@ -92,6 +92,7 @@ def _build_program(arguments: Namespace, robot: Robot) -> Program:
     for link in arguments.wrench:
         robot.frame(link)
     if model not in available_models(robot):
-        raise DescriptionError(f"{robot.name!r} has no loops: its models are {', '.join(available_models(robot))}")
+        reason = "loops" if model in LOOP_MODELS else "mass that can move"
+        raise DescriptionError(f"{robot.name!r} has no {reason}: its models are {', '.join(available_models(robot))}")
     options = {"wrenches": arguments.wrench} if model in MODELS_WITH_WRENCHES else {}
     return MODELS[model](robot, **options)

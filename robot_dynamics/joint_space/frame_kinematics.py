@@ -94,14 +94,16 @@ class FrameKinematics:
             reference = FrameKinematics(self._dynamics, relative_to)._pose_in_base(q)
             R = np.swapaxes(reference[..., :3, :3], -1, -2)
             relative = np.array(pose)
-            relative[..., :3, :3] = R @ pose[..., :3, :3]
-            relative[..., :3, 3] = apply(R, pose[..., :3, 3] - reference[..., :3, 3])
-            return relative
+            with np.errstate(all="ignore"):
+                relative[..., :3, :3] = R @ pose[..., :3, :3]
+                relative[..., :3, 3] = apply(R, pose[..., :3, 3] - reference[..., :3, 3])
+            return broadcast_result(relative, relative.shape, axes=0)
         if base is None and not robot.moving_base:
             return pose
         base_pose = base_state(robot, base).pose
         batch = common_batch_shape(pose[..., 0, :], base_pose[..., 0, :])
-        return broadcast_result(base_pose @ pose, batch, axes=2)
+        with np.errstate(all="ignore"):
+            return broadcast_result(base_pose @ pose, batch, axes=2)
 
     def jacobian(self, q: ArrayLike, *, axes: Axes = "frame", base: Base | None = None) -> Array:
         """Jacobian of the twist of the frame.
@@ -253,7 +255,9 @@ class FrameKinematics:
             without_acceleration = type(base)(base.pose, base.twist)
         bias = self.bias_acceleration(q, qd, axes=axes, base=without_acceleration)
         of_joints = products(self.jacobian(q, axes=axes, base=base), accelerations)
-        return broadcast_result(of_joints + bias, common_batch_shape(of_joints, bias))
+        batch = common_batch_shape(of_joints, bias)
+        with np.errstate(all="ignore"):
+            return broadcast_result(of_joints + bias, batch)
 
     def _pose_in_base(self, q: ArrayLike) -> Array:
         """Pose (..., 4, 4) of the frame in frame 0."""
@@ -264,8 +268,9 @@ class FrameKinematics:
 
         def recursion() -> Array:
             closed = self._dynamics._closure_solver.close_loops(q)
-            pose = frame_placement(self._dynamics.robot, closed, self._frame)
-            return broadcast_result(pose, np.shape(q)[:-1], axes=2)
+            with np.errstate(all="ignore"):
+                pose = frame_placement(self._dynamics.robot, closed, self._frame)
+                return broadcast_result(pose, np.shape(q)[:-1], axes=2)
 
         return self._evaluate("pose", {"q": q}, recursion)
 
@@ -285,7 +290,8 @@ class FrameKinematics:
         if axes == "frame":
             return screws
         batch = common_batch_shape(screws[..., 0, :], state.pose[..., 0, :])
-        return broadcast_result(rotate_to(np.swapaxes(state.pose[..., :3, :3], -1, -2), screws), batch, axes=2)
+        with np.errstate(all="ignore"):
+            return broadcast_result(rotate_to(np.swapaxes(state.pose[..., :3, :3], -1, -2), screws), batch, axes=2)
 
 
 def _is_frame(axes: str) -> bool:
@@ -298,7 +304,8 @@ def _is_frame(axes: str) -> bool:
 def products(matrices: Array, vectors: Array) -> Array:
     """Products (..., m) of matrices (..., m, k) and vectors (..., k)."""
     batch = common_batch_shape(matrices[..., 0, :], vectors)
-    return broadcast_result(apply(matrices, vectors), batch)
+    with np.errstate(all="ignore"):
+        return broadcast_result(apply(matrices, vectors), batch)
 
 
 def concatenated_rates(dynamics: DynamicsTerms, qd: ArrayLike, base: Base | None) -> Array:

@@ -88,7 +88,8 @@ class WholeBody:
             return result
         pose = base_state(self._robot, base).pose
         batch = common_batch_shape(result, pose[..., 0, :])
-        return broadcast_result(apply(pose[..., :3, :3], result) + pose[..., :3, 3], batch)
+        with np.errstate(all="ignore"):
+            return broadcast_result(apply(pose[..., :3, :3], result) + pose[..., :3, 3], batch)
 
     def centre_of_mass_velocity(self, q: ArrayLike, qd: ArrayLike, *, base: Base | None = None) -> Array:
         """Velocity of the centre of mass.
@@ -108,7 +109,7 @@ class WholeBody:
         InvalidInputError, SingularModelError
             As `centre_of_mass`.
         """
-        return self.centroidal_momentum(q, qd, base=base)[..., :3] / self.mass
+        return self._per_mass(self.centroidal_momentum(q, qd, base=base)[..., :3])
 
     def centre_of_mass_jacobian(self, q: ArrayLike, *, base: Base | None = None) -> Array:
         """Jacobian of the velocity of the centre of mass.
@@ -128,7 +129,7 @@ class WholeBody:
         InvalidInputError, SingularModelError
             As `centre_of_mass`.
         """
-        return self.centroidal_momentum_matrix(q, base=base)[..., :3, :] / self.mass
+        return self._per_mass(self.centroidal_momentum_matrix(q, base=base)[..., :3, :])
 
     def centroidal_momentum(self, q: ArrayLike, qd: ArrayLike, *, base: Base | None = None) -> Array:
         """Momentum of all bodies, angular about the centre of mass.
@@ -286,8 +287,9 @@ class WholeBody:
         if not self.mass:
             state = self._dynamics._state(q, np.zeros(len(self._dynamics.joint_names)), base)
             return np.zeros(state.batch)
-        energy: Array = -self.mass * dot(self._robot.gravity, self.centre_of_mass(q, base=base))[..., 0]
-        return energy
+        centre = self.centre_of_mass(q, base=base)
+        with np.errstate(all="ignore"):
+            return broadcast_result(-self.mass * dot(self._robot.gravity, centre)[..., 0], centre.shape[:-1], axes=0)
 
     def elastic_energy(self, q: ArrayLike) -> Array:
         """Potential energy of the springs at joints, dependent joints included: the sum of k (q - rest)² / 2.
@@ -315,6 +317,10 @@ class WholeBody:
     def _robot(self) -> Robot:
         return self._dynamics.robot
 
+    def _per_mass(self, values: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return broadcast_result(values / self.mass, values.shape, axes=0)
+
     def _require_mass(self) -> None:
         if not self.mass:
             raise InvalidInputError(
@@ -327,4 +333,5 @@ class WholeBody:
             return rows
         pose = base_state(self._robot, base).pose
         batch = common_batch_shape(rows[..., 0, :], pose[..., 0, :])
-        return broadcast_result(rotate_to(np.swapaxes(pose[..., :3, :3], -1, -2), rows), batch, axes=2)
+        with np.errstate(all="ignore"):
+            return broadcast_result(rotate_to(np.swapaxes(pose[..., :3, :3], -1, -2), rows), batch, axes=2)

@@ -14,6 +14,7 @@ from robot_dynamics.codegen.jit.program_key import FRAME_MODELS, WHOLE_BODY_MODE
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.model.robot_warnings import find_singular_joints
+from robot_dynamics.newton_euler.centroid import moving_mass
 from robot_dynamics.optional_packages import install_hint
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     RunnableProgram: TypeAlias = CompiledProgram | PythonProgram
     """A program that can be called."""
 
-__all__ = ["FRAME_MODEL_TRACERS", "MODELS", "CompiledModels", "available_models"]
+__all__ = ["FRAME_MODEL_TRACERS", "LOOP_MODELS", "MODELS", "CompiledModels", "available_models"]
 
 logger = logging.getLogger(__name__)
 
@@ -76,9 +77,14 @@ MAX_PROGRAMS = 24
 wrenches keep changing links, or who read many frames."""
 
 
+MASS_MODELS = ("centre_of_mass", "centroidal_momentum_matrix", "centroidal_momentum_bias")
+"""Models that only robots with a mass have that can move."""
+
+
 def available_models(robot: Robot) -> dict[str, Callable[..., Program]]:
     """The entries of MODELS that a robot has."""
-    return {name: model for name, model in MODELS.items() if robot.loops or name not in LOOP_MODELS}
+    missing = (() if robot.loops else LOOP_MODELS) + (() if moving_mass(robot) else MASS_MODELS)
+    return {name: model for name, model in MODELS.items() if name not in missing}
 
 
 class CompiledModels:
