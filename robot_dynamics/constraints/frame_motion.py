@@ -8,7 +8,7 @@ joints between the base and the frame move as the constrained state says.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,13 +24,21 @@ if TYPE_CHECKING:
     from robot_dynamics.newton_euler.joint_chain import ChainEnd
 
 
+class FrameMotion(NamedTuple):
+    """Motion of a frame, in the axes of frame 0.
+
+    placement: (..., 4, 4) in frame 0; jacobian: (..., 6, m) and bias_acceleration: (..., 6), as `frame_jacobian` and
+    `frame_bias_acceleration` return them.
+    """
+
+    placement: ScalarArray
+    jacobian: ScalarArray
+    bias_acceleration: ScalarArray
+
+
 def frame_placement(robot: Robot, q: ScalarArray, frame: Frame) -> ScalarArray:
     """Pose (..., 4, 4) of a frame in frame 0 at positions q (..., all joints)."""
-    end = _end(robot, q, frame)
-    columns = [*(end.R[..., k] for k in range(3)), end.P]
-    upper = np.stack(np.broadcast_arrays(*columns), axis=-1)
-    last_row = np.broadcast_to(np.array([[0, 0, 0, 1]]), (*upper.shape[:-2], 1, 4))
-    return np.concatenate([upper, last_row], axis=-2)
+    return _placement(_end(robot, q, frame))
 
 
 def frame_jacobian(state: ConstrainedState, frame: Frame, in_frame_axes: bool) -> ScalarArray:
@@ -50,8 +58,7 @@ def frame_jacobian(state: ConstrainedState, frame: Frame, in_frame_axes: bool) -
         m = n, or 6 + n with a moving base, whose twist in frame 0 comes first.
     """
     end = _end(state.robot, state.chart_q, frame)
-    base_rows = 6 if state.robot.moving_base else 0
-    J = _tree_jacobian(state.robot, end) @ projection_matrix(state.G, base_rows)
+    J = _jacobian(state, end)
     return rotate_to(end.R, J) if in_frame_axes else J
 
 
@@ -75,15 +82,43 @@ def frame_bias_acceleration(
         Angular velocity of the base in frame 0 [rad/s].
     """
     end = _end(state.robot, state.chart_q, frame, rates, omega)
-    J = jacobian_from_columns(end.columns, len(state.robot.joints))
-    acceleration = end.drift + apply(J, drift)
+    acceleration = _bias_acceleration(state, end, drift)
     return rotate_to(end.R, acceleration[..., None])[..., 0] if in_frame_axes else acceleration
+
+
+def frame_motion(
+    state: ConstrainedState, frame: Frame, rates: ScalarArray, drift: ScalarArray, omega: ScalarArray
+) -> FrameMotion:
+    """The FrameMotion of a frame at one state; arguments as of `frame_bias_acceleration`."""
+    end = _end(state.robot, state.chart_q, frame, rates, omega)
+    return FrameMotion(_placement(end), _jacobian(state, end), _bias_acceleration(state, end, drift))
 
 
 def rotate_to(R: ScalarArray, screws: ScalarArray) -> ScalarArray:
     """Screws (..., 6, k), as columns, in the axes that R (..., 3, 3) has as its columns."""
     transposed = np.swapaxes(R, -1, -2)
     return np.concatenate([transposed @ screws[..., :3, :], transposed @ screws[..., 3:, :]], axis=-2)
+
+
+def _placement(end: ChainEnd) -> ScalarArray:
+    """Pose (..., 4, 4) of the end in the link where the chain starts."""
+    columns = [*(end.R[..., k] for k in range(3)), end.P]
+    upper = np.stack(np.broadcast_arrays(*columns), axis=-1)
+    last_row = np.broadcast_to(np.array([[0, 0, 0, 1]]), (*upper.shape[:-2], 1, 4))
+    return np.concatenate([upper, last_row], axis=-2)
+
+
+def _jacobian(state: ConstrainedState, end: ChainEnd) -> ScalarArray:
+    """Jacobian (..., 6, m) in the axes of frame 0."""
+    base_rows = 6 if state.robot.moving_base else 0
+    J: ScalarArray = _tree_jacobian(state.robot, end) @ projection_matrix(state.G, base_rows)
+    return J
+
+
+def _bias_acceleration(state: ConstrainedState, end: ChainEnd, drift: ScalarArray) -> ScalarArray:
+    """Acceleration (..., 6) in the axes of frame 0 with joint accelerations `drift` (..., all joints)."""
+    acceleration: ScalarArray = end.drift + apply(jacobian_from_columns(end.columns, len(state.robot.joints)), drift)
+    return acceleration
 
 
 def _end(

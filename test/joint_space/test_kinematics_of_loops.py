@@ -19,6 +19,7 @@ from robot_dynamics.codegen.trace.kinematic_models import (
     jacobian_model,
 )
 from robot_dynamics.constraints.attitude_charts import virtual_links
+from robot_dynamics.joint_space.frame_states import frame_states
 
 SHIPPED = ("four_bar", "delta_wrist", "gough_stewart")
 RANDOM = (3, 8, 11, 12)  # seeds
@@ -185,6 +186,20 @@ def test_energy_grows_by_the_power_of_the_motors(key):
     power = motion.qd @ (motion.result.efforts - losses)
     scale = max(1.0, np.abs(motion.qd * motion.result.efforts).max())
     np.testing.assert_allclose(growth, power, rtol=0, atol=1e-5 * scale)
+
+
+def test_many_frames_at_one_state_are_those_frames():
+    motion = motion_of("gough_stewart")
+    names = frames_of(motion.robot, motion.rng)
+    for axes in ("frame", "world"):
+        for name, state in zip(
+            names, frame_states(motion.dynamics, names, motion.q, motion.qd, axes, None), strict=True
+        ):
+            frame = motion.dynamics.frame(name)
+            assert_rows(state.pose, frame.pose(motion.q))
+            assert_rows(state.jacobian, frame.jacobian(motion.q, axes=axes))
+            assert_rows(state.twist, frame.twist(motion.q, motion.qd, axes=axes))
+            assert_rows(state.bias_acceleration, frame.bias_acceleration(motion.q, motion.qd, axes=axes))
 
 
 def test_compiled_programs_of_a_robot_with_loops_agree_with_the_recursions():

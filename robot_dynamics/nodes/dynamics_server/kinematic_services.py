@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 
+from robot_dynamics.joint_space.frame_kinematics import concatenated_rates, products
+from robot_dynamics.joint_space.frame_states import frame_states
 from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.nodes.codecs.base import read_base_point
 from robot_dynamics.nodes.codecs.fields import require_empty, to_float_array
@@ -48,15 +50,12 @@ def handle_frame_kinematics(
     named = [resolve_link(name, robot, namespace, f"frames[{k}]") for k, name in enumerate(request.frames)]
     frames = named or list(robot.frames_by_name)
     axes: Axes = "world" if request.world_axes else "frame"
-    jacobians = []
-    for frame in map(dynamics.frame, frames):
-        pose = frame.pose(q, base=base)
-        response.poses.append(write_pose(pose[:3, 3], to_scipy_rotation(pose[:3, :3]).as_quat()))
-        response.twists.append(write_twist(frame.twist(q, qd, axes=axes, base=base)))
-        bias = frame.bias_acceleration(q, qd, axes=axes, base=base)
-        response.bias_accelerations.append(write_accel(bias))
-        jacobians.append(frame.jacobian(q, axes=axes, base=base)[:, columns])
-    response.jacobians = to_float_array(np.array(jacobians))
+    states = frame_states(dynamics, frames, q, qd, axes, base)
+    for state in states:
+        response.poses.append(write_pose(state.pose[:3, 3], to_scipy_rotation(state.pose[:3, :3]).as_quat()))
+        response.twists.append(write_twist(state.twist))
+        response.bias_accelerations.append(write_accel(state.bias_acceleration))
+    response.jacobians = to_float_array(np.array([state.jacobian[:, columns] for state in states]))
     response.frames = list(request.frames) or frames
     response.success = True
 
@@ -69,11 +68,12 @@ def handle_whole_body(
     body = dynamics.whole_body
     response.mass = body.mass
     response.centre_of_mass = _fill(Point(), body.centre_of_mass(q, base=base))
-    momentum = body.centroidal_momentum(q, qd, base=base)
+    matrix = body.centroidal_momentum_matrix(q, base=base)
+    momentum = products(matrix, concatenated_rates(dynamics, qd, base))
     response.centre_of_mass_velocity = _fill(Vector3(), momentum[:3] / body.mass)
     response.linear_momentum = _fill(Vector3(), momentum[:3])
     response.angular_momentum = _fill(Vector3(), momentum[3:])
-    response.momentum_matrix = to_float_array(body.centroidal_momentum_matrix(q, base=base)[:, columns])
+    response.momentum_matrix = to_float_array(matrix[:, columns])
     response.momentum_bias = write_wrench(body.centroidal_momentum_bias(q, qd, base=base))
     response.kinetic_energy = float(body.kinetic_energy(q, qd, base=base))
     response.gravitational_energy = float(body.gravitational_energy(q, base=base))
