@@ -7,7 +7,13 @@ from functools import cached_property, partial
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from robot_dynamics.bound_model import BoundModel
-from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
+from robot_dynamics.codegen.jit.compiled_models import (
+    FRAME_MODEL_TRACERS,
+    LOOP_MODELS,
+    MODELS,
+    CompiledModels,
+    available_models,
+)
 from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS, CheckedModels
 from robot_dynamics.codegen.procedure.closure_programs import ClosurePrograms, ProgramSwitch
 from robot_dynamics.codegen.program_calls import evaluate_model, program_key
@@ -17,6 +23,7 @@ from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
 from robot_dynamics.inputs import Base
 from robot_dynamics.joint_space.joint_dynamics import JointDynamics
+from robot_dynamics.joint_space.whole_body import WholeBody
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.notebook_display import notebook_html
@@ -43,8 +50,18 @@ ModelName: TypeAlias = Literal[
     "regressor",
     "closure",
     "state_derivative",
+    "centre_of_mass",
+    "centroidal_momentum_matrix",
+    "centroidal_momentum_bias",
+    "kinetic_energy",
+    "pose",
+    "jacobian",
+    "jacobian_in_base_axes",
+    "bias_acceleration",
+    "bias_acceleration_in_base_axes",
 ]
-"""Models that `Dynamics.compile` compiles; the last two only for robots with loops."""
+"""Models that `Dynamics.compile` compiles; closure and state_derivative only for robots with loops, the last five for a
+frame."""
 
 CheckedModelName: TypeAlias = Literal["inverse", "direct", "inertia_matrix", "gravity", "coriolis"]
 """Models that `Dynamics.bind` binds."""
@@ -58,9 +75,9 @@ class Dynamics(JointDynamics):
     robot : Robot
         As `load_robot` returns it.
     compiled : bool, default True
-        Whether `inverse`, `direct`, `inertia_matrix`, `gravity`, `coriolis` and `regressor` change from the recursions
-        to compiled programs after some time of use. Compilation runs in the background: only `compile` blocks.
-        Results of programs and recursions differ in the last digits.
+        Whether `inverse`, `direct`, `inertia_matrix`, `gravity`, `coriolis`, `regressor`, and the methods of `frame`
+        and `whole_body`, change from the recursions to compiled programs after some time of use. Compilation runs in
+        the background: only `compile` blocks. Results of programs and recursions differ in the last digits.
 
     Attributes
     ----------
@@ -136,6 +153,7 @@ class Dynamics(JointDynamics):
         wrenches: Sequence[str] = (),
         prescribed_base: bool = False,
         independent: Iterable[int] | None = None,
+        frame: str | None = None,
     ) -> CompiledProgram | PythonProgram:
         """Return the compiled program of a model; compile it now if it does not exist yet.
 
@@ -147,7 +165,10 @@ class Dynamics(JointDynamics):
         model : str
             inverse, direct, inertia_matrix, gravity, coriolis, bias, friction or regressor; for a robot with loops also
             closure and state_derivative. With closure, calls that close loops from the positions of motors, or near a
-            seed, are compiled as well.
+            seed, are compiled as well. Of the whole robot, in the axes of frame 0: centre_of_mass,
+            centroidal_momentum_matrix, centroidal_momentum_bias and kinetic_energy. Of a frame: pose in frame 0,
+            jacobian and bias_acceleration in its axes; jacobian_in_base_axes and bias_acceleration_in_base_axes in
+            those of frame 0.
         wrenches : sequence of str
             Names of the links on which external wrenches act.
         prescribed_base : bool
@@ -155,6 +176,8 @@ class Dynamics(JointDynamics):
         independent : iterable of int, optional
             Numbers of the joints to take as independent, for inertia_matrix, closure and state_derivative. Default:
             those of `joint_names`.
+        frame : str, optional
+            Name of the frame, for the models of a frame only.
 
         Returns
         -------
@@ -173,14 +196,18 @@ class Dynamics(JointDynamics):
         """
         if not (self.joint_names or self.robot.moving_base):
             raise InvalidInputError(f"{self.robot.name!r} has no joints: there is nothing to compile")
-        if model not in MODELS:
-            raise InvalidInputError(describe_unknown_name("model", model, MODELS))
-        if model not in available_models(self.robot):
-            raise InvalidInputError(f"{self.robot.name!r} has no loops to close")
-        for name in wrenches:
+        if model not in MODELS | FRAME_MODEL_TRACERS:
+            raise InvalidInputError(describe_unknown_name("model", model, MODELS | FRAME_MODEL_TRACERS))
+        if model in MODELS and model not in available_models(self.robot):
+            reason = "no loops to close" if model in LOOP_MODELS else "no mass that can move"
+            raise InvalidInputError(f"{self.robot.name!r} has {reason}")
+        if (frame is None) == (model in FRAME_MODEL_TRACERS):
+            reason = "is that of a frame: give its name" if frame is None else "is not that of a frame: leave it out"
+            raise InvalidInputError(f"{model} {reason}")
+        for name in wrenches if frame is None else (*wrenches, frame):
             self.robot.frame(name)
         numbers = None if independent is None else tuple(independent)
-        program = self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers)
+        program = self._programs.get(model, tuple(wrenches), bool(prescribed_base), independent=numbers, frame=frame)
         if model == "closure" and numbers is None:
             self._closure_solver.procedures.compile("close_near", "close_from_reference")
         return program
@@ -257,6 +284,11 @@ class Dynamics(JointDynamics):
         return ClosureSolver(robot, ClosurePrograms(robot, CompiledModels(robot), self._switch))
 
     @cached_property
+    def whole_body(self) -> WholeBody:
+        """Centre of mass, momentum and energy of all bodies of the robot together."""
+        return WholeBody(self)
+
+    @cached_property
     def elastodynamics(self) -> Elastodynamics:
         """Natural frequencies of a robot with flexible links or elastic joints, held by its motors and brakes.
 
@@ -280,6 +312,9 @@ class Dynamics(JointDynamics):
         if not (self.compiled and self.joint_names and isinstance(wrenches, Mapping | None)):
             return recursion()
         is_one_sample = all(argument.ndim == 1 for argument in arguments.values())
-        if is_one_sample and self._programs.get_ready(*program_key(model, self.robot, None, {})) is not None:
-            self._checked_models.prepare(model)
+        if is_one_sample:
+            frame: str | None = options.get("frame")  # type: ignore[assignment]  # a name of a frame
+            key = program_key(model, self.robot, None, {}, frame)
+            if self._programs.get_ready(*key) is not None:
+                self._checked_models.prepare(key)
         return evaluate_model(self._programs, self.robot, model, arguments, options, recursion)

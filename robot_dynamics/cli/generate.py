@@ -17,8 +17,7 @@ from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
-from robot_dynamics.codegen.jit.compiled_models import MODELS, available_models
-from robot_dynamics.codegen.trace.models import pose_model
+from robot_dynamics.codegen.jit.compiled_models import FRAME_MODEL_TRACERS, LOOP_MODELS, MODELS, available_models
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
 
@@ -36,11 +35,11 @@ NamedVectors: TypeAlias = tuple[tuple[str, Sequence[str]], ...]
 def add_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_robot_arguments(parser)
-    parser.add_argument("--model", choices=(*MODELS, "pose"), default="inverse", help="default: inverse")
+    parser.add_argument("--model", choices=(*MODELS, *FRAME_MODEL_TRACERS), default="inverse", help="default: inverse")
     parser.add_argument("--lang", choices=("c", "python"), default="c", help="default: c")
     parser.add_argument("--output", metavar="DIR", default=".", help="output folder (default: the current folder)")
     parser.add_argument("--prefix", default="", help="prefix of the names of functions and files, such as left_")
-    parser.add_argument("--frame", help="frame of --model pose")
+    parser.add_argument("--frame", help="frame of --model pose, jacobian or bias_acceleration")
     parser.add_argument(
         "--wrench",
         metavar="LINK",
@@ -83,16 +82,17 @@ def _entry_names(model: str, robot: Robot) -> tuple[Sequence[str], NamedVectors]
 def _build_program(arguments: Namespace, robot: Robot) -> Program:
     """Trace the model. Raises DescriptionError if the options do not fit it."""
     model = arguments.model
-    if model == "pose":
+    if model in FRAME_MODEL_TRACERS:
         if arguments.frame is None:
-            raise DescriptionError("--model pose needs --frame with the name of a frame of the robot")
+            raise DescriptionError(f"--model {model} needs --frame with the name of a frame of the robot")
         robot.frame(arguments.frame)
-        return pose_model(robot, arguments.frame)
+        return FRAME_MODEL_TRACERS[model](robot, arguments.frame)
     if arguments.wrench and model not in MODELS_WITH_WRENCHES:
         raise DescriptionError(f"--wrench applies to the models inverse and direct, not to {model}")
     for link in arguments.wrench:
         robot.frame(link)
     if model not in available_models(robot):
-        raise DescriptionError(f"{robot.name!r} has no loops: its models are {', '.join(available_models(robot))}")
+        reason = "loops" if model in LOOP_MODELS else "mass that can move"
+        raise DescriptionError(f"{robot.name!r} has no {reason}: its models are {', '.join(available_models(robot))}")
     options = {"wrenches": arguments.wrench} if model in MODELS_WITH_WRENCHES else {}
     return MODELS[model](robot, **options)

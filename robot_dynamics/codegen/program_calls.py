@@ -40,7 +40,8 @@ def evaluate_model(
     joint_arguments : mapping of str to (..., n)
         Checked values, in the order of the program's inputs.
     options : mapping
-        `base` and `external_wrenches` as passed to Dynamics; empty if the model does not depend on them.
+        `base` and `external_wrenches` as passed to Dynamics, where the model depends on them, and the name of the
+        `frame`, where it is that of one.
     recursion : callable
         Computes the result without a program. It is also called where the program's result is not finite or the state
         is singular, to raise the error that says why.
@@ -51,7 +52,8 @@ def evaluate_model(
     """
     base: Base | None = options.get("base")  # type: ignore[assignment]  # base_arguments checks it
     wrenches: Mapping[str, ArrayLike] = options.get("external_wrenches") or {}  # type: ignore[assignment]  # as above
-    key = program_key(model, robot, base, wrenches)
+    frame: str | None = options.get("frame")  # type: ignore[assignment]  # a name of a frame
+    key = program_key(model, robot, base, wrenches, frame)
     program = programs.get_ready(*key)
     if program is None:
         started = time.perf_counter()
@@ -67,10 +69,12 @@ def evaluate_model(
     return recursion() if computed is None else computed
 
 
-def program_key(model: str, robot: Robot, base: Base | None, wrenches: Mapping[str, ArrayLike]) -> ProgramKey:
-    """The key in CompiledModels of the program that computes a model for a base and external wrenches."""
+def program_key(
+    model: str, robot: Robot, base: Base | None, wrenches: Mapping[str, ArrayLike], frame: str | None = None
+) -> ProgramKey:
+    """The key in CompiledModels of the program that computes a model for a base and external wrenches, or a frame."""
     if model not in ("inverse", "direct"):
-        return ProgramKey(model)
+        return ProgramKey(model, frame=frame)
     prescribed_base = robot.moving_base and getattr(base, "acceleration", None) is not None
     solves = (
         model == "direct"
@@ -85,7 +89,7 @@ def base_arguments(model: str, robot: Robot, options: Mapping[str, object], base
 
     Raises InvalidInputError if the base does not fit the robot.
     """
-    if not options or (base is None and not robot.moving_base):
+    if "base" not in options or (base is None and not robot.moving_base):
         return []
     state = base_state(robot, base)
     if not robot.moving_base:

@@ -33,7 +33,7 @@ from robot_dynamics.constraints.attitude_angles import (
 )
 from robot_dynamics.model.joint import Joint
 from robot_dynamics.newton_euler.friction import signs
-from robot_dynamics.newton_euler.kinematics import joint_placement
+from robot_dynamics.newton_euler.joint_placement import joint_placement
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, BoolArray, IntArray

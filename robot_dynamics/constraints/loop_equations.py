@@ -19,14 +19,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.angular_motion import angular_motion
-from robot_dynamics.newton_euler.kinematics import joint_placement, link_placements
-from robot_dynamics.newton_euler.screw import apply, cross, screw, stack_matrices, wrench_to_antecedent
+from robot_dynamics.newton_euler.joint_chain import chain_end, jacobian_from_columns, joint_chain
+from robot_dynamics.newton_euler.kinematics import link_placements
+from robot_dynamics.newton_euler.screw import apply, screw, stack_matrices, wrench_to_antecedent
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
     from robot_dynamics.model.loop import LoopEnd
     from robot_dynamics.model.robot import Robot
+    from robot_dynamics.newton_euler.joint_chain import ChainEnd, JointChain
 
 
 RANK_TOLERANCE = 1e-6
@@ -53,32 +54,6 @@ class LoopEquations(NamedTuple):
     drift: ScalarArray
 
 
-class _JointChain(NamedTuple):
-    """Successive joints from the link where two chains part.
-
-    R (..., 3, 3) and P (..., 3) of the last frame; axes: of each joint by number, its axis and a point on it, (..., 3)
-    each; motion: its angular motion, and its acceleration (..., 3) without joint accelerations.
-    """
-
-    R: ScalarArray
-    P: ScalarArray
-    axes: dict[int, tuple[ScalarArray, ScalarArray]]
-    motion: tuple[ScalarArray, ScalarArray, ScalarArray]
-
-
-class _Chain(NamedTuple):
-    """A chain from the link where two chains part to one end.
-
-    R (..., 3, 3) and P (..., 3) of the end; columns (..., 6) of the Jacobian of its twist by joint number; drift: its
-    acceleration (..., 6) without joint accelerations.
-    """
-
-    R: ScalarArray
-    P: ScalarArray
-    columns: dict[int, ScalarArray]
-    drift: ScalarArray
-
-
 def equations_per_loop(robot: Robot) -> list[int]:
     """Number of equations of each loop."""
     return [3 if loop.is_spherical else 6 for loop in robot.loops]
@@ -99,13 +74,13 @@ def loop_equations(robot: Robot, q: ScalarArray, qd: ScalarArray | None = None) 
     residuals: list[ScalarArray] = []
     jacobians: list[ScalarArray] = []
     drifts: list[ScalarArray] = []
-    chains: dict[tuple[int, ...], _JointChain] = {}  # legs of one platform share that of the platform
+    chains: dict[tuple[int, ...], JointChain] = {}  # legs of one platform share that of the platform
 
-    def chain(numbers: set[int], end: LoopEnd) -> _Chain:
+    def chain(numbers: set[int], end: LoopEnd) -> ChainEnd:
         key = tuple(sorted(numbers))
         if key not in chains:
-            chains[key] = _joint_chain(robot, key, q, qd)
-        return _chain(robot, chains[key], end, has_velocities=qd is not None)
+            chains[key] = joint_chain(robot, key, q, qd)
+        return chain_end(robot, chains[key], end.placement, has_velocities=qd is not None)
 
     for loop in robot.loops:
         moved_path, closed_on_path = (set(robot.path_to_base(end.link)) for end in loop.ends)
@@ -155,48 +130,7 @@ def loop_wrenches(robot: Robot, q: Array, multipliers: Array) -> Iterator[tuple[
             yield end.link, wrench_to_antecedent(np.eye(3), end.placement[:3, 3], rotated)
 
 
-def _joint_chain(robot: Robot, numbers: Sequence[int], q: ScalarArray, qd: ScalarArray | None) -> _JointChain:
-    """The _JointChain of joints `numbers`."""
-    R: ScalarArray = np.eye(3, dtype=int)
-    P: ScalarArray = np.zeros(3, dtype=int)
-    axes: dict[int, tuple[ScalarArray, ScalarArray]] = {}
-    omega: ScalarArray = np.zeros(3, dtype=int)
-    angular_acceleration: ScalarArray = omega
-    acceleration: ScalarArray = omega
-    for number in numbers:
-        joint = robot.joints[number]
-        R_j, P_j = joint_placement(joint, q[..., number : number + 1])
-        offset = apply(R, P_j)
-        R = R @ R_j
-        P = P + offset
-        z = R[..., 2]
-        axes[number] = z, P
-        if qd is not None:
-            rate = qd[..., number : number + 1]
-            acceleration = acceleration + angular_motion(omega, angular_acceleration).times(offset)
-            if joint.prismatic:
-                acceleration = acceleration + 2 * cross(omega, z * rate)
-            else:
-                angular_acceleration = angular_acceleration + cross(omega, z * rate)
-                omega = omega + z * rate
-    return _JointChain(R, P, axes, (omega, angular_acceleration, acceleration))
-
-
-def _chain(robot: Robot, chain: _JointChain, end: LoopEnd, has_velocities: bool) -> _Chain:
-    """The _Chain of a _JointChain to an end."""
-    omega, angular_acceleration, acceleration = chain.motion
-    offset = apply(chain.R, end.placement[:3, 3])
-    P = chain.P + offset
-    if has_velocities:
-        acceleration = acceleration + angular_motion(omega, angular_acceleration).times(offset)
-    columns = {
-        number: screw(z, np.zeros_like(z)) if robot.joints[number].prismatic else screw(cross(z, P - point), z)
-        for number, (z, point) in chain.axes.items()
-    }
-    return _Chain(chain.R @ end.placement[:3, :3], P, columns, screw(acceleration, angular_acceleration))
-
-
-def _residual(moved: _Chain, closed_on: _Chain, is_spherical: bool) -> ScalarArray:
+def _residual(moved: ChainEnd, closed_on: ChainEnd, is_spherical: bool) -> ScalarArray:
     """[P_k - P_k+B; 2 tan(φ/2) u] (..., 6), or the first three entries alone."""
     distance: ScalarArray = moved.P - closed_on.P
     if is_spherical:
@@ -208,10 +142,7 @@ def _residual(moved: _Chain, closed_on: _Chain, is_spherical: bool) -> ScalarArr
     return screw(distance, np.stack([factor * entry for entry in skew_entries], axis=-1))
 
 
-def _jacobian(moved: _Chain, closed_on: _Chain, joints: int) -> ScalarArray:
+def _jacobian(moved: ChainEnd, closed_on: ChainEnd, joints: int) -> ScalarArray:
     """J (..., 6, joints): of the twist of frame k relative to frame k+B."""
     columns = {**moved.columns, **{number: -column for number, column in closed_on.columns.items()}}
-    entries = np.stack(np.broadcast_arrays(*columns.values()), axis=-1)
-    J = np.zeros((*entries.shape[:-1], joints), dtype=entries.dtype)
-    J[..., list(columns)] = entries
-    return J
+    return jacobian_from_columns(columns, joints)

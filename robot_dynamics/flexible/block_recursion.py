@@ -17,7 +17,8 @@ import numpy as np
 
 from robot_dynamics.errors import SingularModelError
 from robot_dynamics.flexible.bending import AttachedFrames, place_sections
-from robot_dynamics.newton_euler.kinematics import axis_row, axis_screw, joint_placement
+from robot_dynamics.newton_euler.joint_placement import joint_placement
+from robot_dynamics.newton_euler.kinematics import axis_row, axis_screw
 from robot_dynamics.newton_euler.screw import (
     apply,
     apply_transposed,

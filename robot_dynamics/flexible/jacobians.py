@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robot_dynamics.newton_euler.kinematics import axis_screw, joint_placement, link_placements
+from robot_dynamics.newton_euler.joint_placement import joint_placement
+from robot_dynamics.newton_euler.kinematics import axis_screw, link_placements
 from robot_dynamics.newton_euler.screw import twist_to_successor
 
 if TYPE_CHECKING:

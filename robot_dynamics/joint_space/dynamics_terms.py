@@ -307,11 +307,16 @@ class DynamicsTerms(JointCoordinates):
         base: Base | None,
         external_wrenches: ExternalWrenches | None = None,
         acting: Array | None = None,
+        use_charts: bool = True,
     ) -> ModelState:
-        """Return the ModelState of checked arguments; acting: accelerations or efforts (..., n) of its batch."""
+        """Return the ModelState of checked arguments.
+
+        acting: accelerations or efforts (..., n) of its batch; use_charts: whether platforms may move in the charts of
+        their attitudes.
+        """
         state_of_base = base_state(self.robot, base)
         wrenches = link_wrenches(self.robot, external_wrenches)
-        use_charts = not virtual_links(self.robot) & {*wrenches}
+        use_charts = use_charts and not virtual_links(self.robot) & {*wrenches}
         state = self._closure_solver.state_at(q, use_charts=use_charts)
         qd = self._check_joints("velocities", qd)
         batch = common_batch_shape(

@@ -11,12 +11,13 @@ from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.constraints.mixed_dynamics import compute_link_wrenches, solve_mixed_dynamics
 from robot_dynamics.errors import InvalidInputError, SingularModelError
 from robot_dynamics.joint_space.dynamics_terms import DynamicsTerms
+from robot_dynamics.joint_space.frame_kinematics import FrameKinematics
 from robot_dynamics.model.placement import invert_placement
 from robot_dynamics.newton_euler.equilibrium import find_equilibrium
 from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
 from robot_dynamics.newton_euler.inverse import inverse_dynamics
 from robot_dynamics.newton_euler.joint_springs import spring_force
-from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_pass
+from robot_dynamics.newton_euler.kinematics import run_forward_pass
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 from robot_dynamics.results import DynamicsResult, Equilibrium, JointMotion, refuse_unbalanced
 
@@ -345,14 +346,26 @@ class JointDynamics(DynamicsTerms):
         InvalidInputError, SingularModelError
             As `inertia_matrix`.
         """
-        frame = self.robot.frame(name)
-        state = self._state(q, np.zeros(len(self.joint_names)), base)
-        R, P = link_placements(self.robot, state.q)[frame.link]
-        pose = np.zeros((*np.broadcast_shapes(R.shape[:-2], P.shape[:-1]), 4, 4))
-        pose[..., :3, :3] = R
-        pose[..., :3, 3] = P
-        pose[..., 3, 3] = 1
-        return broadcast_result(state.base.pose @ pose @ frame.placement, state.batch, axes=2)
+        return self.frame(name).pose(q, base=base)
+
+    def frame(self, name: str) -> FrameKinematics:
+        """Return the kinematics of a frame: pose, Jacobian, twist and acceleration.
+
+        Parameters
+        ----------
+        name : str
+            Name of a link or of another frame of the robot.
+
+        Returns
+        -------
+        FrameKinematics
+
+        Raises
+        ------
+        InvalidInputError
+            The robot has no such frame.
+        """
+        return FrameKinematics(self, name)
 
     def _state_near(self, q: Array, joint_positions: Array) -> ConstrainedState:
         """Return the constrained state at positions q (..., n), near positions (..., all joints)."""

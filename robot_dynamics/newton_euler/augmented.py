@@ -29,7 +29,7 @@ from robot_dynamics.newton_euler.angular_motion import (
     vector_from_components,
 )
 from robot_dynamics.newton_euler.augmented_bodies import augmented_bodies, has_constant_orientation, is_not_zero
-from robot_dynamics.newton_euler.kinematics import joint_placement
+from robot_dynamics.newton_euler.joint_placement import joint_placement
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, concatenate_vectors, cross, screw
 
 if TYPE_CHECKING:

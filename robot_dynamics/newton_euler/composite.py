@@ -14,7 +14,8 @@ import numpy as np
 
 from robot_dynamics.array_types import ScalarArray
 from robot_dynamics.model.inertia import symmetric_entries, symmetric_matrix
-from robot_dynamics.newton_euler.kinematics import axis_row, joint_placement
+from robot_dynamics.newton_euler.joint_placement import joint_placement
+from robot_dynamics.newton_euler.kinematics import axis_row
 from robot_dynamics.newton_euler.screw import apply, cross, screw
 
 if TYPE_CHECKING:
@@ -25,15 +26,17 @@ Entries: TypeAlias = dict[tuple[int, int], ScalarArray]
 """Entries (...) of a matrix by row and column: joints count from 1, rows of the base from -6 to -1."""
 
 
-def inertia_matrix(robot: Robot, q: ScalarArray) -> ScalarArray:
+def inertia_matrix(robot: Robot, q: ScalarArray, with_base: bool | None = None) -> ScalarArray:
     """Inertia matrix A (..., m, m) at joint positions q (..., n), rotors counted.
 
-    m = n, or 6 + n with a moving base, whose rows come first.
+    m = n, or 6 + n with rows of the base, which come first. with_base: whether it has these rows; None: if the base
+    moves.
     """
+    with_base = robot.moving_base if with_base is None else with_base
     masses: list[float | ScalarArray] = [link.inertia.mass for link in robot.links]
     first = [link.inertia.first_moments for link in robot.links]
     second = [link.inertia.second_moments for link in robot.links]
-    base = 6 if robot.moving_base else 0
+    base = 6 if with_base else 0
     joints = len(robot.joints)
     entries: Entries = {}
     placements = [joint_placement(joint, q[..., j : j + 1]) for j, joint in enumerate(robot.joints)]
@@ -46,15 +49,15 @@ def inertia_matrix(robot: Robot, q: ScalarArray) -> ScalarArray:
         for k, wrench in _transmit_to_base(robot, placements, j, unit_wrench):
             if k > 0:
                 entries[k, j] = wrench[..., axis_row(robot.joints[k - 1])]
-            elif robot.moving_base:
+            elif with_base:
                 entries.update({(row - 6, j): wrench[..., row] for row in range(6)})
-        if i > 0 or robot.moving_base:
+        if i > 0 or with_base:
             rotated_first = apply(R, first[j])
             rotated_second = rotate_second_moments(joint, R, q[..., j - 1], second[j])
             second[i] = second[i] + rotated_second + _parallel_axis_term(masses[j], rotated_first, P)
             first[i] = first[i] + rotated_first + _scale(masses[j], P)
             masses[i] = masses[i] + masses[j]
-    if robot.moving_base:
+    if with_base:
         entries.update(_base_block(masses[0], first[0], second[0]))
     return _symmetric_from_entries(entries, base, joints, q.shape[:-1])
 

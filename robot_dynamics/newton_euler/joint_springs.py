@@ -24,3 +24,12 @@ def spring_force(robot: Robot, q: ScalarArray, qd: ScalarArray) -> ScalarArray:
     damping = np.array([spring.damping if spring else 0.0 for spring in springs])
     efforts: ScalarArray = stiffness * (q - rest) + damping * qd
     return efforts
+
+
+def spring_energy(robot: Robot, q: ScalarArray) -> ScalarArray:
+    """Energy (...) that the springs at joints store [J], at positions q (..., joints): k (q - q₀)² / 2."""
+    energy: ScalarArray = np.zeros(q.shape[:-1])
+    for number, joint in enumerate(robot.joints):
+        if joint.spring:
+            energy = energy + 0.5 * joint.spring.stiffness * (q[..., number] - joint.spring.rest) ** 2
+    return energy

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from robot_dynamics.newton_euler.joint_placement import joint_placement
 from robot_dynamics.newton_euler.screw import apply, apply_transposed, cross, screw, twist_to_successor
 
 if TYPE_CHECKING:
@@ -35,22 +36,6 @@ class ForwardPass(NamedTuple):
     velocities: list[ScalarArray]
     gammas: list[ScalarArray]
     betas: list[ScalarArray]
-
-
-def joint_placement(joint: Joint, position: ScalarArray) -> tuple[ScalarArray, ScalarArray]:
-    """iRj (..., 3, 3) and iPj (..., 3) of a joint's frame in its antecedent's, for joint positions (..., 1).
-
-    iTj(q) = iTj(0) Rot(z, q) for a revolute joint, iTj(0) Trans(z, q) for a prismatic one.
-    """
-    R = joint.rotation
-    P = joint.placement[:3, 3]
-    if joint.prismatic:
-        return R, P + position * R[..., 2]
-    cosine = np.cos(position)
-    sine = np.sin(position)
-    x = cosine * R[..., 0] + sine * R[..., 1]
-    y = cosine * R[..., 1] - sine * R[..., 0]
-    return np.stack(np.broadcast_arrays(x, y, R[..., 2]), axis=-1), P
 
 
 def velocity_wrench(link: Link, V: ScalarArray) -> ScalarArray:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from robot_dynamics.newton_euler.kinematics import link_placements
+from robot_dynamics.newton_euler.centroid import first_moments, moving_mass
+from robot_dynamics.newton_euler.joint_springs import spring_energy
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -20,24 +21,7 @@ def kinetic_energy(A: Array, rates: Array) -> float:
 def potential_energy(robot: Robot, pose: Array, joint_positions: Array) -> float:
     """Potential energy [J] of weights and springs; that of weights is zero at the origin of the world.
 
-    pose: (4, 4) of the base in the world; joint_positions: (all joints,).
+    pose: (4, 4) of the base in the world; joint_positions: (all joints,). The weight of a fixed base does not count.
     """
-    return _weight_energy(robot, pose, joint_positions) + _spring_energy(robot, joint_positions)
-
-
-def _weight_energy(robot: Robot, pose: Array, joint_positions: Array) -> float:
-    energy = 0.0
-    for link, (R, P) in zip(robot.links, link_placements(robot, joint_positions), strict=True):
-        moments = R @ link.inertia.first_moments + link.inertia.mass * P
-        world_moments = pose[:3, :3] @ moments + link.inertia.mass * pose[:3, 3]
-        energy -= float(robot.gravity @ world_moments)
-    return energy
-
-
-def _spring_energy(robot: Robot, joint_positions: Array) -> float:
-    energies = (
-        0.5 * joint.spring.stiffness * (position - joint.spring.rest) ** 2
-        for joint, position in zip(robot.joints, joint_positions, strict=True)
-        if joint.spring
-    )
-    return float(sum(energies))
+    moments = pose[:3, :3] @ first_moments(robot, joint_positions) + moving_mass(robot) * pose[:3, 3]
+    return float(spring_energy(robot, joint_positions)) - float(robot.gravity @ moments)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robot_dynamics.procedures import largest
-from robot_dynamics.simulation.frame_kinematics import FrameKinematics
+from robot_dynamics.simulation.frame_program import FrameProgram
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -91,7 +91,7 @@ class PlantKinematics:
     def __init__(self, plant: Plant, names: Sequence[str]) -> None:
         self._plant = plant
         self._names = names
-        self._kinematics: dict[tuple[int, ...] | None, FrameKinematics] = {}
+        self._kinematics: dict[tuple[int, ...] | None, FrameProgram] = {}
 
     def __call__(self, q: Array, rates: Array) -> tuple[Array, Array, Array]:
         """Rotations (k, 3, 3), positions (k, 3) and velocities (k, 3) in frame 0.
@@ -100,8 +100,8 @@ class PlantKinematics:
         """
         return self.of_coordinates(self._plant.independent)(q, rates)
 
-    def of_coordinates(self, independent: tuple[int, ...] | None) -> FrameKinematics:
+    def of_coordinates(self, independent: tuple[int, ...] | None) -> FrameProgram:
         """The kinematics for rates of the joints with these numbers; None for those of Dynamics.joint_names."""
         if independent not in self._kinematics:
-            self._kinematics[independent] = FrameKinematics(self._plant.dynamics, self._names, independent)
+            self._kinematics[independent] = FrameProgram(self._plant.dynamics, self._names, independent)
         return self._kinematics[independent]

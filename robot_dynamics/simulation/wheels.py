@@ -16,7 +16,7 @@ import numpy as np
 
 from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_unknown_name
 from robot_dynamics.model.vector_product import skew
-from robot_dynamics.newton_euler.kinematics import joint_placement
+from robot_dynamics.newton_euler.joint_placement import joint_placement
 from robot_dynamics.newton_euler.screw import cross
 
 if TYPE_CHECKING:

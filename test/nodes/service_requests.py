@@ -8,9 +8,11 @@ from trajectory_msgs.msg import JointTrajectoryPoint, MultiDOFJointTrajectory, M
 from robot_dynamics_interfaces.srv import (
     DirectDynamics,
     DynamicsTerms,
+    FrameKinematics,
     InverseDynamics,
     NaturalFrequencies,
     StaticEquilibrium,
+    WholeBody,
 )
 
 STEP_NS = 2_000_000  # ns between points
@@ -20,6 +22,8 @@ SERVICES = {
     DirectDynamics.Request: (DirectDynamics, "direct_dynamics"),
     DynamicsTerms.Request: (DynamicsTerms, "dynamics_terms"),
     StaticEquilibrium.Request: (StaticEquilibrium, "static_equilibrium"),
+    FrameKinematics.Request: (FrameKinematics, "frame_kinematics"),
+    WholeBody.Request: (WholeBody, "whole_body"),
     NaturalFrequencies.Request: (NaturalFrequencies, "natural_frequencies"),
 }
 

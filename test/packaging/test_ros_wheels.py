@@ -63,4 +63,11 @@ def test_message_types_are_listed_for_ros(with_ros):
     share = with_ros.folder / "share"
     assert (share / "ament_index" / "resource_index" / "packages" / "robot_dynamics_interfaces").is_file()
     names = {path.stem for path in (share / "robot_dynamics_interfaces" / "srv").glob("*.srv")}
-    assert names >= {"InverseDynamics", "DirectDynamics", "DynamicsTerms", "StaticEquilibrium", "NaturalFrequencies"}
+    assert names >= {
+        "InverseDynamics",
+        "DirectDynamics",
+        "DynamicsTerms",
+        "StaticEquilibrium",
+        "NaturalFrequencies",
+        "FrameKinematics",
+    }

@@ -6,7 +6,7 @@ import pytest
 from robot_dynamics import Base, DescriptionError, Dynamics, InvalidInputError, load_robot
 from robot_dynamics.errors import SimulationError
 from robot_dynamics.simulation import Ground, Simulation
-from robot_dynamics.simulation.frame_kinematics import FrameKinematics
+from robot_dynamics.simulation.frame_program import FrameProgram
 
 MASS, HALF, HEIGHT = 2.0, 0.15, 0.05  # [kg], [m]: a flat box, so that it does not tip
 CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -90,7 +90,7 @@ def test_frame_kinematics_are_those_of_link_poses():
     dynamics = Dynamics(load_robot("free_flying_arm"))
     names, rng = ("arm_tool0", "arm_forearm_link", dynamics.robot.base_link), np.random.default_rng(5)
     q, rates, h = rng.uniform(-1, 1, 6), rng.uniform(-1, 1, 12), 1e-6
-    rotations, positions, velocities = FrameKinematics(dynamics, names)(q, rates)
+    rotations, positions, velocities = FrameProgram(dynamics, names)(q, rates)
     for k, name in enumerate(names):
         pose = dynamics.link_pose(name, q, base=Base())
         np.testing.assert_allclose(rotations[k], pose[:3, :3], atol=1e-14)

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
-from robot_dynamics.codegen.jit.program_key import ProgramKey
+from robot_dynamics.codegen.jit.program_key import FRAME_MODELS, WHOLE_BODY_MODELS, ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.model.robot_warnings import find_singular_joints
+from robot_dynamics.newton_euler.centroid import moving_mass
 from robot_dynamics.optional_packages import install_hint
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     RunnableProgram: TypeAlias = CompiledProgram | PythonProgram
     """A program that can be called."""
 
-__all__ = ["MODELS", "CompiledModels", "available_models"]
+__all__ = ["FRAME_MODEL_TRACERS", "LOOP_MODELS", "MODELS", "CompiledModels", "available_models"]
 
 logger = logging.getLogger(__name__)
 
@@ -35,10 +36,10 @@ def _model_tracer(name: str) -> Callable[..., Program]:
     Programs come from the cache in most processes: then nothing is traced.
     """
 
-    def trace(robot: Robot, **options: Any) -> Program:
+    def trace(robot: Robot, *arguments: Any, **options: Any) -> Program:
         from robot_dynamics.codegen.trace import models
 
-        program: Program = getattr(models, f"{name}_model")(robot, **options)
+        program: Program = getattr(models, f"{name}_model")(robot, *arguments, **options)
         return program
 
     return trace
@@ -57,9 +58,13 @@ MODELS: dict[str, Callable[..., Program]] = {
         "regressor",
         "closure",
         "state_derivative",
+        *WHOLE_BODY_MODELS,
     )
 }
-"""The function that traces each model."""
+"""The function that traces each model of the robot."""
+
+FRAME_MODEL_TRACERS: dict[str, Callable[..., Program]] = {name: _model_tracer(name) for name in FRAME_MODELS}
+"""The function that traces each model of a frame."""
 
 LOOP_MODELS = ("closure", "state_derivative")
 """Models that only robots with loops have."""
@@ -68,12 +73,18 @@ COMPILE_THRESHOLD = 0.05
 """Time spent on a model by the recursions [s] after which it is compiled in the background."""
 
 MAX_PROGRAMS = 24
-"""Programs of one robot compiled in the background; a limit for callers whose external wrenches keep changing links."""
+"""Programs of one robot compiled in the background, and as many of its frames; a limit for callers whose external
+wrenches keep changing links, or who read many frames."""
+
+
+MASS_MODELS = ("centre_of_mass", "centroidal_momentum_matrix", "centroidal_momentum_bias")
+"""Models that only robots with a mass have that can move."""
 
 
 def available_models(robot: Robot) -> dict[str, Callable[..., Program]]:
     """The entries of MODELS that a robot has."""
-    return {name: model for name, model in MODELS.items() if robot.loops or name not in LOOP_MODELS}
+    missing = (() if robot.loops else LOOP_MODELS) + (() if moving_mass(robot) else MASS_MODELS)
+    return {name: model for name, model in MODELS.items() if name not in missing}
 
 
 class CompiledModels:
@@ -87,7 +98,7 @@ class CompiledModels:
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
         self._compilations: dict[ProgramKey, BackgroundCompilation[RunnableProgram]] = {}
-        self._background_count = 0
+        self._background_count = dict.fromkeys((True, False), 0)  # of frames, and of other models
 
     @property
     def ready_keys(self) -> tuple[ProgramKey, ...]:
@@ -101,12 +112,13 @@ class CompiledModels:
         prescribed_base: bool = False,
         with_pivots: bool = False,
         independent: tuple[int, ...] | None = None,
+        frame: str | None = None,
     ) -> RunnableProgram:
         """The program of a model, compiled now if it is not ready.
 
         Parameters
         ----------
-        name, wrenches, prescribed_base, with_pivots, independent
+        name, wrenches, prescribed_base, with_pivots, independent, frame
             See ProgramKey.
 
         Returns
@@ -119,7 +131,7 @@ class CompiledModels:
         SingularModelError
             If nothing with inertia resists some motion, whatever the state.
         """
-        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent)
+        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent, frame)
         return self._compilation(key).get()
 
     def get_ready(
@@ -129,9 +141,10 @@ class CompiledModels:
         prescribed_base: bool = False,
         with_pivots: bool = False,
         independent: tuple[int, ...] | None = None,
+        frame: str | None = None,
     ) -> RunnableProgram | None:
         """The program of a model if it is ready, else None."""
-        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent)
+        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent, frame)
         compilation = self._compilations.get(key)
         return None if compilation is None else compilation.program
 
@@ -143,13 +156,15 @@ class CompiledModels:
         prescribed_base: bool = False,
         with_pivots: bool = False,
         independent: tuple[int, ...] | None = None,
+        frame: str | None = None,
     ) -> None:
         """Add time that a model took without a program [s]; compile it in the background once that is worthwhile."""
-        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent)
+        key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent, frame)
         compilation = self._compilation(key)
-        if not compilation.is_started and self._background_count < MAX_PROGRAMS:
+        is_frame = frame is not None
+        if not compilation.is_started and self._background_count[is_frame] < MAX_PROGRAMS:
             compilation.record_time(seconds)
-            self._background_count += compilation.is_started
+            self._background_count[is_frame] += compilation.is_started
 
     def _compilation(self, key: ProgramKey) -> BackgroundCompilation[RunnableProgram]:
         compilation = self._compilations.get(key)
@@ -190,7 +205,7 @@ def _compile_model(robot: Robot, key: ProgramKey) -> RunnableProgram:
 
 
 def _model_options(key: ProgramKey) -> dict[str, object]:
-    """The keyword arguments of the function in MODELS."""
+    """The keyword arguments of the function that traces the model."""
     options: dict[str, object] = {}
     if key.name in ("inverse", "direct"):
         options = {
@@ -202,12 +217,14 @@ def _model_options(key: ProgramKey) -> dict[str, object]:
         options = {"wrenches": key.wrenches}
     if key.independent is not None:
         options["independent"] = key.independent
+    if key.frame is not None:
+        options["frame"] = key.frame
     return options
 
 
 def _trace_model(robot: Robot, name: str, options: Mapping[str, object]) -> Program:
     try:
-        return MODELS[name](robot, **options)
+        return (MODELS | FRAME_MODEL_TRACERS)[name](robot, **options)
     except ZeroDivisionError:
         reason = f"{name}: nothing with inertia resists some motion, whatever the state"
         raise SingularModelError("; ".join([reason, *find_singular_joints(robot)])) from None

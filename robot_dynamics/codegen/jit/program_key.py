@@ -2,6 +2,18 @@
 
 from typing import NamedTuple
 
+FRAME_MODELS = (
+    "pose",
+    "jacobian",
+    "jacobian_in_base_axes",
+    "bias_acceleration",
+    "bias_acceleration_in_base_axes",
+)
+"""Models of the motion of a named frame."""
+
+WHOLE_BODY_MODELS = ("centre_of_mass", "centroidal_momentum_matrix", "centroidal_momentum_bias", "kinetic_energy")
+"""Models of all bodies together."""
+
 
 class ProgramKey(NamedTuple):
     """The model and the options that select a program of a robot.
@@ -18,6 +30,8 @@ class ProgramKey(NamedTuple):
         Whether the outputs that reveal singular states are computed too.
     independent : tuple of int or None
         Numbers of the independent joints; None for those of Dynamics.
+    frame : str or None
+        Name of the frame, for the models in FRAME_MODELS.
     """
 
     name: str
@@ -25,3 +39,9 @@ class ProgramKey(NamedTuple):
     prescribed_base: bool = False
     with_pivots: bool = False
     independent: tuple[int, ...] | None = None
+    frame: str | None = None
+
+
+def attempt_name(model: str, frame: str | None) -> str:
+    """Name of a model, or of a model of a frame, by which its checked programs are found."""
+    return model if frame is None else f"{model} of {frame}"

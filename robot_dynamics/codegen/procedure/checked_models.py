@@ -10,7 +10,7 @@ import numpy as np
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import STATUS, CompiledProgram
-from robot_dynamics.codegen.program_calls import program_key
+from robot_dynamics.codegen.jit.program_key import FRAME_MODELS, WHOLE_BODY_MODELS, attempt_name
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.constraints.sample_closure import SampleClosure
 from robot_dynamics.errors import CompilationError, SingularModelError
@@ -29,7 +29,10 @@ Attempt: TypeAlias = "Callable[..., Array | None]"
 """Computes a model from arrays (size,); None where the arrays do not fit or the result is not valid."""
 
 CHECKED_MODELS = ("inverse", "direct", "inertia_matrix", "gravity", "coriolis")
-"""Models that Dynamics computes in this way."""
+"""Models that Dynamics computes in this way, and binds."""
+
+PREPARED_MODELS = (*CHECKED_MODELS, *FRAME_MODELS, *WHOLE_BODY_MODELS)
+"""Models that are computed in this way after some time of use."""
 
 
 class CheckedModels:
@@ -45,7 +48,8 @@ class CheckedModels:
     Attributes
     ----------
     attempts : dict of str to tuple of callable
-        By model, the functions to try one after the other. Models that are not ready are missing.
+        By model, or `attempt_name` of a model and its frame, the functions to try one after the other. Models that are
+        not ready are missing.
     """
 
     def __init__(self, robot: Robot, topology: ConstraintTopology, programs: CompiledModels) -> None:
@@ -55,11 +59,11 @@ class CheckedModels:
         self._programs = programs
         self._compilations: dict[str, BackgroundCompilation[tuple[Attempt, ...]]] = {}
 
-    def prepare(self, model: str) -> None:
+    def prepare(self, key: ProgramKey) -> None:
         """Compile a checked model in the background, unless that is done already."""
-        if model in self._compilations or model not in CHECKED_MODELS or self._robot.moving_base:
+        model = attempt_name(key.name, key.frame)
+        if model in self._compilations or key.name not in PREPARED_MODELS or self._robot.moving_base:
             return
-        key = program_key(model, self._robot, None, {})
         compilation = BackgroundCompilation(
             partial(_compile_attempts, self._robot, self._topology, self._programs, key),
             np.inf,

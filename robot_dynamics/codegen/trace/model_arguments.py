@@ -19,6 +19,10 @@ BASE_ARGUMENTS = {
     "gravity": ("gravity",),
     "coriolis": ("twist",),
     "frames": ("twist",),
+    "bias_acceleration": ("twist",),
+    "bias_acceleration_in_base_axes": ("twist",),
+    "centroidal_momentum_bias": ("twist",),
+    "kinetic_energy": ("twist",),
 }
 """Additional arguments of each model where the base moves."""
 

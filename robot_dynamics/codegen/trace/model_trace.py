@@ -43,6 +43,14 @@ CHART_MODELS = (
     "frames",
     "state_derivative",
     "regressor",
+    "jacobian",
+    "jacobian_in_base_axes",
+    "bias_acceleration",
+    "bias_acceleration_in_base_axes",
+    "centre_of_mass",
+    "centroidal_momentum_matrix",
+    "centroidal_momentum_bias",
+    "kinetic_energy",
 )
 """Models whose platforms move in charts of their attitudes.
 

@@ -18,6 +18,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.codegen.trace.kinematic_models import (
+    bias_acceleration_in_base_axes_model,
+    bias_acceleration_model,
+    centre_of_mass_model,
+    centroidal_momentum_bias_model,
+    centroidal_momentum_matrix_model,
+    jacobian_in_base_axes_model,
+    jacobian_model,
+    kinetic_energy_model,
+    pose_model,
+)
 from robot_dynamics.codegen.trace.model_trace import ZERO_SCREW, ModelTrace, topology_of
 from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
@@ -30,12 +41,16 @@ from robot_dynamics.newton_euler.kinematics import link_placements, run_forward_
 from robot_dynamics.newton_euler.screw import cross
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.codegen.trace.program import Program
     from robot_dynamics.model.robot import Robot
 
 __all__ = [
+    "bias_acceleration_in_base_axes_model",
+    "bias_acceleration_model",
     "bias_model",
+    "centre_of_mass_model",
+    "centroidal_momentum_bias_model",
+    "centroidal_momentum_matrix_model",
     "closure_model",
     "coriolis_model",
     "direct_model",
@@ -44,6 +59,9 @@ __all__ = [
     "gravity_model",
     "inertia_matrix_model",
     "inverse_model",
+    "jacobian_in_base_axes_model",
+    "jacobian_model",
+    "kinetic_energy_model",
     "pose_model",
     "prepare_robot",
     "regressor_model",
@@ -263,16 +281,6 @@ def closure_model(robot: Robot, *, independent: Sequence[int] | None = None) -> 
     names = ("residual", "step", "pivots", "squared_norms", "determinant_matrix")
     results = dict(zip(names, newton_step(topology, trace.input("q", size)), strict=True))
     return build_program(trace, "closure", {"q": size}, results)
-
-
-def pose_model(robot: Robot, frame: str) -> Program:
-    """q -> pose (4, 4) of a named frame in frame 0."""
-    model = ModelTrace("pose", robot, ("q",), group_parameters=False, frames=(frame,))
-    target = model.robot.frame(frame)
-    R, P = link_placements(model.robot, model.q)[target.link]
-    pose: ScalarArray = np.zeros((4, 4), dtype=object)
-    pose[:3, :3], pose[:3, 3], pose[3, 3] = R, P, 1
-    return model.program({"pose": pose @ target.placement})
 
 
 def frames_model(robot: Robot, frames: Sequence[str], *, independent: Sequence[int] | None = None) -> Program:

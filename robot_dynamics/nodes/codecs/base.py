@@ -117,13 +117,17 @@ def check_base(
     return LinkTrajectories(base, times, (robot.base_link,), namespace, f"the base of {robot.name!r}", at_rest)
 
 
-def read_base_point(point: MultiDOFJointTrajectoryPoint, robot: Robot) -> Base | None:
-    """Return the Base of one MultiDOFJointTrajectoryPoint, None for a robot with a fixed base."""
+def read_base_point(point: MultiDOFJointTrajectoryPoint, robot: Robot, at_rest: bool = False) -> Base | None:
+    """Return the Base of one MultiDOFJointTrajectoryPoint, None for a robot with a fixed base.
+
+    at_rest: velocities may be left out.
+    """
     if not robot.moving_base:
         require_no_base(robot, point.transforms or point.velocities)
         return None
-    base = _read_entry([point], "base")
-    return Base(np.asarray(base.pose)[0], np.asarray(base.twist)[0])
+    has_twist = bool(point.velocities) or not at_rest
+    base = _read_entry([point], "base", has_twist)
+    return Base(np.asarray(base.pose)[0], np.asarray(base.twist)[0] if has_twist else np.zeros(6))
 
 
 def write_base_points(

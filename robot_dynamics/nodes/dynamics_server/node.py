@@ -1,5 +1,5 @@
-"""The node dynamics_server: inverse and direct dynamics, static equilibria, natural frequencies and the terms of the
-model as services."""
+"""The node dynamics_server: inverse and direct dynamics, the terms of the model, kinematics of frames, momentum and
+energy, static equilibria and natural frequencies as services."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from robot_dynamics.nodes.dynamics_server.batch_services import (
     handle_dynamics_terms_batch,
     handle_inverse_dynamics_batch,
 )
+from robot_dynamics.nodes.dynamics_server.kinematic_services import handle_frame_kinematics, handle_whole_body
 from robot_dynamics.nodes.dynamics_server.parameters import PARAMETERS
 from robot_dynamics.nodes.dynamics_server.point_work import require_point_count
 from robot_dynamics.nodes.dynamics_server.request_turns import RequestTurns
@@ -42,10 +43,12 @@ from robot_dynamics_interfaces.srv import (
     DirectDynamicsBatch,
     DynamicsTerms,
     DynamicsTermsBatch,
+    FrameKinematics,
     InverseDynamics,
     InverseDynamicsBatch,
     NaturalFrequencies,
     StaticEquilibrium,
+    WholeBody,
 )
 
 if TYPE_CHECKING:
@@ -60,14 +63,17 @@ SERVICES: tuple[tuple[type, str, Handler], ...] = (
     (DirectDynamicsBatch, "direct_dynamics_batch", handle_direct_dynamics_batch),
     (DynamicsTerms, "dynamics_terms", handle_dynamics_terms),
     (DynamicsTermsBatch, "dynamics_terms_batch", handle_dynamics_terms_batch),
+    (FrameKinematics, "frame_kinematics", handle_frame_kinematics),
+    (WholeBody, "whole_body", handle_whole_body),
     (StaticEquilibrium, "static_equilibrium", handle_static_equilibrium),
     (NaturalFrequencies, "natural_frequencies", handle_natural_frequencies),
 )
 
 
 class DynamicsServer(Node):
-    """Provides the services ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/static_equilibrium and
-    ~/natural_frequencies of a robot; the first three also with flat arrays, as ~/inverse_dynamics_batch and so on.
+    """Provides the services ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/frame_kinematics, ~/whole_body,
+    ~/static_equilibrium and ~/natural_frequencies of a robot; the first three also with flat arrays, as
+    ~/inverse_dynamics_batch and so on.
 
     Parameter robot_file (a path, or a robot that ships) or robot_description (a text) selects the robot, else the
     topic robot_description: dynamics_server --ros-args -p robot_file:=panda

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
 
 
-class FrameKinematics:
+class FrameProgram:
     """Kinematics of named link frames of a robot.
 
     Parameters
