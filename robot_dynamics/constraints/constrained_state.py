@@ -128,17 +128,17 @@ class ConstrainedState:
         """
         if self.uses_G:
             rates = apply(self.G, values)
-            return rates if constraint_drift is None else rates + self._close(-constraint_drift[..., None])[..., 0]
+            return rates if constraint_drift is None else rates + self.close_rates(-constraint_drift[..., None])[..., 0]
         missing = apply(self._independent_jacobian, values)
         missing = missing if constraint_drift is None else missing + constraint_drift
-        return apply(self._independent_basis, values) + self._close(-missing[..., None])[..., 0]
+        return apply(self._independent_basis, values) + self.close_rates(-missing[..., None])[..., 0]
 
     def projected(self, forces: ScalarArray) -> ScalarArray:
         """Gᵀ Γ_all: forces (..., all joints) projected onto the independent joints (..., n)."""
         if self.uses_G:
             return apply_transposed(self.G, forces)
         projected = apply_transposed(self._independent_basis, forces)
-        return projected - apply_transposed(self._independent_jacobian, self._multipliers(forces))
+        return projected - apply_transposed(self._independent_jacobian, self.multipliers(forces))
 
     def constraint_drift(self, qd: ScalarArray) -> ScalarArray | None:
         """J̇q̇ (..., rows) at velocities qd (..., all joints), None without loops."""
@@ -154,7 +154,7 @@ class ConstrainedState:
         if self.loops is None:
             return self._independent_basis
         with np.errstate(all="ignore"):  # the caller refuses singular positions
-            return self._independent_basis + self._close(-self._independent_jacobian)
+            return self._independent_basis + self.close_rates(-self._independent_jacobian)
 
     def loop_wrenches(self, tree_efforts: Array) -> Iterator[tuple[int, Array]]:
         """Wrenches that the loops exert on the links at their ends.
@@ -174,7 +174,7 @@ class ConstrainedState:
         Redundant loops have wrenches of least norm, with torques divided by the characteristic length. Other wrenches
         of the same motion would only strain the links.
         """
-        return loop_wrenches(self.topology.robot, self.q, self._multipliers(tree_efforts))
+        return loop_wrenches(self.topology.robot, self.q, self.multipliers(tree_efforts))
 
     @property
     def _loops(self) -> LoopJacobian:
@@ -191,11 +191,11 @@ class ConstrainedState:
         """J_i (..., rows, n)."""
         return self._loops.matrix[..., self.topology.independent_columns]
 
-    def _close(self, right_side: ScalarArray) -> ScalarArray:
+    def close_rates(self, right_side: ScalarArray) -> ScalarArray:
         """(..., all joints, k): rates of all joints with J_d ṫ_d = right_side (..., rows, k)."""
         return self.topology.S @ self._loops.dependent_basis @ least_squares(self._loops.factors, right_side)
 
-    def _multipliers(self, forces: ScalarArray) -> ScalarArray:
+    def multipliers(self, forces: ScalarArray) -> ScalarArray:
         """(..., rows) multipliers with which the loops exert the forces (..., all joints) at the dependent joints."""
         dependent_forces = apply_transposed(self.topology.S @ self._loops.dependent_basis, forces)
         return least_norm(self._loops.factors, dependent_forces[..., None])[..., 0]

@@ -85,9 +85,14 @@ def loads_from_net_efforts(joints: Sequence[Joint], qd: ScalarArray, net_efforts
     """
     if not any(has_value(joint.load_friction) for joint in joints):
         return net_efforts
-    growth = _coefficients(joints, LOAD_PARAMETER) * signs(qd) * signs(net_efforts)
-    loads: ScalarArray = net_efforts / (1 + growth)
+    loads: ScalarArray = net_efforts / load_growth(joints, qd, net_efforts)
     return loads
+
+
+def load_growth(joints: Sequence[Joint], qd: ScalarArray, loads: ScalarArray) -> ScalarArray:
+    """1 + μ sign(q̇) sign(Γ_l) (..., n): derivatives of net efforts by the loads of n joints. Arguments as above."""
+    growth: ScalarArray = 1 + _coefficients(joints, LOAD_PARAMETER) * signs(qd) * signs(loads)
+    return growth
 
 
 def friction_columns(qd: ScalarArray, loads: ScalarArray, stribeck_velocities: ArrayLike) -> ScalarArray:

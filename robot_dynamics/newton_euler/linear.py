@@ -47,6 +47,19 @@ def solve(factors: Factors, right_side: ScalarArray) -> ScalarArray:
     return np.stack(np.broadcast_arrays(*x), axis=-1)
 
 
+def solve_columns(factors: Factors, right_sides: ScalarArray) -> ScalarArray:
+    """X (..., m, k) of L diag(D) Lᵀ X = right_sides (..., m, k), with one division for each entry of D."""
+    L, D = factors
+    size = len(D)
+    rows = [right_sides[..., i, :] for i in range(size)]
+    for i in range(size):
+        rows[i] = rows[i] - sum(np.asarray(L[i][k])[..., None] * rows[k] for k in range(i))
+    rows = [rows[i] * np.asarray(1 / D[i])[..., None] for i in range(size)]
+    for i in reversed(range(size)):
+        rows[i] = rows[i] - sum(np.asarray(L[k][i])[..., None] * rows[k] for k in range(i + 1, size))
+    return np.stack(np.broadcast_arrays(*rows), axis=-2)
+
+
 def solve_each(matrix: Array, right_side: Array) -> Array:
     """Solve one square system of numbers per sample; the same on NumPy 1.26 and 2.
 

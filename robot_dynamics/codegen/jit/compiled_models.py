@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
-from robot_dynamics.codegen.jit.program_key import FRAME_MODELS, WHOLE_BODY_MODELS, ProgramKey
+from robot_dynamics.codegen.jit.program_key import FRAME_MODELS, SOLVING_MODELS, WHOLE_BODY_MODELS, ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.model.robot_warnings import find_singular_joints
@@ -58,6 +58,8 @@ MODELS: dict[str, Callable[..., Program]] = {
         "regressor",
         "closure",
         "state_derivative",
+        "inverse_derivatives",
+        "direct_derivatives",
         *WHOLE_BODY_MODELS,
     )
 }
@@ -99,6 +101,7 @@ class CompiledModels:
         self._robot = robot
         self._compilations: dict[ProgramKey, BackgroundCompilation[RunnableProgram]] = {}
         self._background_count = dict.fromkeys((True, False), 0)  # of frames, and of other models
+        self._python_programs: dict[ProgramKey, PythonProgram] = {}
 
     @property
     def ready_keys(self) -> tuple[ProgramKey, ...]:
@@ -133,6 +136,16 @@ class CompiledModels:
         """
         key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent, frame)
         return self._compilation(key).get()
+
+    def get_python(self, key: ProgramKey) -> PythonProgram:
+        """The program of a model, run as Python. Raises SingularModelError as `get`."""
+        from robot_dynamics.codegen.jit.python_program import PythonProgram  # seldom needed
+
+        program = self._python_programs.get(key)
+        if program is None:
+            program = PythonProgram(_trace_model(self._robot, key.name, _model_options(key)))
+            self._python_programs[key] = program
+        return program
 
     def get_ready(
         self,
@@ -207,7 +220,7 @@ def _compile_model(robot: Robot, key: ProgramKey) -> RunnableProgram:
 def _model_options(key: ProgramKey) -> dict[str, object]:
     """The keyword arguments of the function that traces the model."""
     options: dict[str, object] = {}
-    if key.name in ("inverse", "direct"):
+    if key.name in SOLVING_MODELS:
         options = {
             "wrenches": key.wrenches,
             "prescribed_base": key.prescribed_base,

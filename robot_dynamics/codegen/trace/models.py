@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.codegen.trace.derivative_models import direct_derivatives_model, inverse_derivatives_model
 from robot_dynamics.codegen.trace.kinematic_models import (
     bias_acceleration_in_base_axes_model,
     bias_acceleration_model,
@@ -53,11 +54,13 @@ __all__ = [
     "centroidal_momentum_matrix_model",
     "closure_model",
     "coriolis_model",
+    "direct_derivatives_model",
     "direct_model",
     "frames_model",
     "friction_model",
     "gravity_model",
     "inertia_matrix_model",
+    "inverse_derivatives_model",
     "inverse_model",
     "jacobian_in_base_axes_model",
     "jacobian_model",

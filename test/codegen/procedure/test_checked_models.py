@@ -9,14 +9,14 @@ import pytest
 pytest.importorskip("llvmlite")
 from robot_dynamics import Dynamics, InvalidInputError, SingularModelError, load_robot, shipped_robots
 from robot_dynamics.codegen.jit.background import THREAD_NAME
-from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS
+from robot_dynamics.codegen.procedure.checked_models import BOUND_MODELS
 
 pytestmark = pytest.mark.slow  # compiles models of all robots that ship
 
 ROBOTS = [name for name in shipped_robots() if not load_robot(name).moving_base]
 
 
-def ready_dynamics(robot, models=CHECKED_MODELS):
+def ready_dynamics(robot, models=BOUND_MODELS):
     """Dynamics of which all checked models are compiled."""
     dynamics = Dynamics(robot)
     q, qd, last = arguments_near_start(dynamics, np.random.default_rng(1))
@@ -42,7 +42,7 @@ def arguments_near_start(dynamics, rng):
 @pytest.mark.parametrize("name", ROBOTS)
 def test_checked_models_agree_with_the_recursions(name):
     dynamics, recursion = ready_dynamics(load_robot(name)), Dynamics(load_robot(name), compiled=False)
-    assert dynamics._attempts.keys() <= {*CHECKED_MODELS}
+    assert dynamics._attempts.keys() <= {*BOUND_MODELS}
     assert "inertia_matrix" in dynamics._attempts
     rng = np.random.default_rng(0)
     for _ in range(5):
