@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.array_checks import require_finite
-from robot_dynamics.codegen.jit.program_key import ProgramKey
+from robot_dynamics.codegen.jit.program_key import SOLVING_MODELS, ProgramKey
 from robot_dynamics.codegen.trace.model_arguments import BASE_ARGUMENTS
 from robot_dynamics.inputs import base_state, common_batch_shape
 from robot_dynamics.newton_euler.linear import MIN_INERTIA_RATIO
@@ -69,11 +69,11 @@ def evaluate_model(
 
 def program_key(model: str, robot: Robot, base: Base | None, wrenches: Mapping[str, ArrayLike]) -> ProgramKey:
     """The key in CompiledModels of the program that computes a model for a base and external wrenches."""
-    if model not in ("inverse", "direct"):
+    if model not in SOLVING_MODELS:
         return ProgramKey(model)
     prescribed_base = robot.moving_base and getattr(base, "acceleration", None) is not None
     solves = (
-        model == "direct"
+        model.startswith("direct")
         or (robot.moving_base and not prescribed_base)
         or any(not joint.actuated for joint in robot.joints)
     )
@@ -92,7 +92,7 @@ def base_arguments(model: str, robot: Robot, options: Mapping[str, object], base
         return []
     values = {"twist": state.twist, "gravity": state.gravity}
     arguments = [values[name] for name in BASE_ARGUMENTS[model]]
-    if model in ("inverse", "direct", "regressor") and state.acceleration is not None:
+    if model in (*SOLVING_MODELS, "regressor") and state.acceleration is not None:
         arguments.append(state.true_acceleration(state.acceleration))
     return arguments
 
@@ -107,6 +107,30 @@ def wrench_arguments(robot: Robot, wrenches: Mapping[str, ArrayLike]) -> list[Ar
 
 def run_program(program: RunnableProgram, arguments: Sequence[Array], batch: tuple[int, ...]) -> Array | None:
     """The first result (*batch, ...) of a program; None where it is not finite or the state is singular."""
+    results = run_all_outputs(program, arguments, batch, checked=1)
+    return None if results is None else results[0]
+
+
+def run_all_outputs(
+    program: RunnableProgram, arguments: Sequence[Array], batch: tuple[int, ...], checked: int | None = None
+) -> list[Array] | None:
+    """The results (*batch, ...) of a program.
+
+    Parameters
+    ----------
+    program : CompiledProgram or PythonProgram
+    arguments : sequence of (..., size)
+    batch : tuple of int
+        Batch shape of all arguments together.
+    checked : int, optional
+        Number of results that must be finite. Default: all but those that reveal singular states.
+
+    Returns
+    -------
+    list of arrays or None
+        Without those that reveal singular states. None where one is not finite, where the state is singular, and for
+        a batch without samples.
+    """
     if batch == ():
         results = program.evaluate(*(np.ascontiguousarray(argument) for argument in arguments))
     else:
@@ -116,12 +140,13 @@ def run_program(program: RunnableProgram, arguments: Sequence[Array], batch: tup
         results = program.batch(*(_as_rows(argument, batch, samples) for argument in arguments))
     results = results if isinstance(results, tuple) else (results,)
     outputs = program.interface.outputs
-    if not np.isfinite(results[0]).all():
+    has_pivots = outputs[-1][0] == "diagonal"
+    count = len(results) - 2 * has_pivots
+    if not all(np.isfinite(result).all() for result in results[: count if checked is None else checked]):
         return None
-    if outputs[-1][0] == "diagonal" and not (results[-2] > MIN_INERTIA_RATIO * np.abs(results[-1])).all():
+    if has_pivots and not (results[-2] > MIN_INERTIA_RATIO * np.abs(results[-1])).all():
         return None
-    first: Array = results[0].reshape(*batch, *outputs[0][1])
-    return first
+    return [result.reshape(*batch, *shape) for result, (_, shape) in zip(results[:count], outputs, strict=False)]
 
 
 def _as_rows(argument: Array, batch: tuple[int, ...], samples: int) -> Array:

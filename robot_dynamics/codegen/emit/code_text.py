@@ -59,6 +59,11 @@ OUTPUT_UNITS = {
     "gravity": "N m or N",
     "coriolis": "N m or N",
     "bias": "N m or N",
+    "by_positions": "derivatives, per rad or m",
+    "by_velocities": "derivatives, per rad/s or m/s",
+    "by_accelerations": "derivatives, per rad/s^2 or m/s^2",
+    "by_efforts": "derivatives, per N m or N",
+    "by_base_acceleration": "derivatives, per m/s^2, then rad/s^2",
 }
 WRENCH_UNITS = "N, then N m"
 MAX_IDENTIFIER_LENGTH = 100

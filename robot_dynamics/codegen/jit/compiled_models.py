@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import CompiledProgram, compile_program, load_program
-from robot_dynamics.codegen.jit.program_key import ProgramKey
+from robot_dynamics.codegen.jit.program_key import SOLVING_MODELS, ProgramKey
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.errors import CompilationError, SingularModelError
 from robot_dynamics.model.robot_warnings import find_singular_joints
@@ -57,6 +57,8 @@ MODELS: dict[str, Callable[..., Program]] = {
         "regressor",
         "closure",
         "state_derivative",
+        "inverse_derivatives",
+        "direct_derivatives",
     )
 }
 """The function that traces each model."""
@@ -88,6 +90,7 @@ class CompiledModels:
         self._robot = robot
         self._compilations: dict[ProgramKey, BackgroundCompilation[RunnableProgram]] = {}
         self._background_count = 0
+        self._python_programs: dict[ProgramKey, PythonProgram] = {}
 
     @property
     def ready_keys(self) -> tuple[ProgramKey, ...]:
@@ -121,6 +124,16 @@ class CompiledModels:
         """
         key = ProgramKey(name, tuple(wrenches), prescribed_base, with_pivots, independent)
         return self._compilation(key).get()
+
+    def get_python(self, key: ProgramKey) -> PythonProgram:
+        """The program of a model, run as Python. Raises SingularModelError as `get`."""
+        from robot_dynamics.codegen.jit.python_program import PythonProgram  # seldom needed
+
+        program = self._python_programs.get(key)
+        if program is None:
+            program = PythonProgram(_trace_model(self._robot, key.name, _model_options(key)))
+            self._python_programs[key] = program
+        return program
 
     def get_ready(
         self,
@@ -192,7 +205,7 @@ def _compile_model(robot: Robot, key: ProgramKey) -> RunnableProgram:
 def _model_options(key: ProgramKey) -> dict[str, object]:
     """The keyword arguments of the function in MODELS."""
     options: dict[str, object] = {}
-    if key.name in ("inverse", "direct"):
+    if key.name in SOLVING_MODELS:
         options = {
             "wrenches": key.wrenches,
             "prescribed_base": key.prescribed_base,

@@ -2,6 +2,12 @@
 
 from typing import NamedTuple
 
+DERIVATIVE_MODELS = ("inverse_derivatives", "direct_derivatives")
+"""Models whose outputs are derivatives."""
+
+SOLVING_MODELS = ("inverse", "direct", *DERIVATIVE_MODELS)
+"""Models that take external wrenches and the acceleration of the base, and may solve for accelerations."""
+
 
 class ProgramKey(NamedTuple):
     """The model and the options that select a program of a robot.

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_dynamics.codegen.jit.background_compilation import BackgroundCompilation
 from robot_dynamics.codegen.jit.compiled_program import STATUS, CompiledProgram
+from robot_dynamics.codegen.jit.program_key import DERIVATIVE_MODELS, SOLVING_MODELS
 from robot_dynamics.codegen.program_calls import program_key
 from robot_dynamics.codegen.trace.fingerprint import fingerprint
 from robot_dynamics.constraints.sample_closure import SampleClosure
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 Attempt: TypeAlias = "Callable[..., Array | None]"
 """Computes a model from arrays (size,); None where the arrays do not fit or the result is not valid."""
 
-CHECKED_MODELS = ("inverse", "direct", "inertia_matrix", "gravity", "coriolis")
-"""Models that Dynamics computes in this way."""
+BOUND_MODELS = ("inverse", "direct", "inertia_matrix", "gravity", "coriolis")
+"""Models that Dynamics binds."""
+
+CHECKED_MODELS = (*BOUND_MODELS, *DERIVATIVE_MODELS)
+"""Models that Dynamics computes in this way. Derivatives by all arguments are the columns of one result."""
 
 
 class CheckedModels:
@@ -105,7 +109,7 @@ def _compile_attempts(
             "motors": (checked.evaluate_from_motors, len(topology.independent)),
         }
     _, *other_inputs = program.interface.inputs.items()
-    name, shape = program.interface.outputs[0]
+    name, shape = checked.result
     attempts = []
     for variant, (function, size) in variants.items():
         interface = ProcedureInterface({"q": size, **dict(other_inputs)}, {name: shape, STATUS: (1,)})
@@ -136,9 +140,19 @@ class CheckedModel:
         joints = [topology.robot.joints[number] for number in topology.independent]
         # columns of accelerations or efforts, which unactuated joints do not take
         self._refused: list[int] = []
-        if name in ("inverse", "direct"):
+        if name in SOLVING_MODELS:
             self._refused = [column for column, joint in enumerate(joints) if not joint.actuated]
         self._closure: Any = None if closure is None else SampleClosure(topology, closure)
+        # numbers of the outputs of which the columns are the result
+        self._parts = [k for k, output in enumerate(self._outputs) if k == 0 or output.startswith("by_")]
+
+    @property
+    def result(self) -> tuple[str, tuple[int, ...]]:
+        """Name and shape of the result."""
+        (name, shape), *others = [self._model.interface.outputs[k] for k in self._parts]
+        if not others:
+            return name, shape
+        return self._model.interface.name, (shape[0], shape[1] + sum(columns for _, (_, columns) in others))
 
     @procedure
     def evaluate(self, q: Any, *others: Any) -> Any:
@@ -146,7 +160,10 @@ class CheckedModel:
         results = self._model(q, *others)
         if len(self._outputs) == 1:
             results = (results,)
-        is_valid = is_finite(results[0])
+        result = results[0]
+        if len(self._parts) > 1:
+            result = np.concatenate([results[k] for k in self._parts], axis=1)
+        is_valid = is_finite(result)
         for argument in (q, *others):  # a result may not depend on all of them
             is_valid = is_valid & is_finite(argument)
         if self._outputs[-1] == "diagonal":
@@ -154,7 +171,7 @@ class CheckedModel:
             is_valid = is_valid & (margin < 0)
         for column in self._refused:
             is_valid = is_valid & (others[1][column] == 0)
-        return results[0], np.array([select(is_valid, 0.0, 1.0)])
+        return result, np.array([select(is_valid, 0.0, 1.0)])
 
     @procedure
     def evaluate_near(self, q: Any, *others: Any) -> Any:

@@ -16,6 +16,8 @@ BASE_ARGUMENTS = {
     "state_derivative": MOVING_BASE_ARGUMENTS,
     "bias": MOVING_BASE_ARGUMENTS,
     "regressor": MOVING_BASE_ARGUMENTS,
+    "inverse_derivatives": MOVING_BASE_ARGUMENTS,
+    "direct_derivatives": MOVING_BASE_ARGUMENTS,
     "gravity": ("gravity",),
     "coriolis": ("twist",),
     "frames": ("twist",),

@@ -19,7 +19,13 @@ from robot_dynamics.constraints.mixed_dynamics import solve_constrained_accelera
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.newton_euler.augmented import inverse_dynamics
-from robot_dynamics.newton_euler.friction import friction, has_load_friction, load_friction, loads_from_net_efforts
+from robot_dynamics.newton_euler.friction import (
+    friction,
+    has_load_friction,
+    load_friction,
+    load_growth,
+    loads_from_net_efforts,
+)
 from robot_dynamics.newton_euler.joint_springs import spring_force
 from robot_dynamics.newton_euler.screw import wrench_to_antecedent
 
@@ -43,6 +49,8 @@ CHART_MODELS = (
     "frames",
     "state_derivative",
     "regressor",
+    "inverse_derivatives",
+    "direct_derivatives",
 )
 """Models whose platforms move in charts of their attitudes.
 
@@ -126,20 +134,21 @@ class ModelTrace:
         inertias = {number: self.trace.input(inertia_name(number), 10) for number in varied_links}
         robot = with_inertias(robot, inertias)
         self.robot = robot
+        self._described_robot = robot
         self._joints = robot.joints
         self._has_load_friction = has_load_friction(robot)
         shifts = np.zeros(len(robot.joints))
         if prepare:
             charts = self.topology.attitudes if self._in_charts else ()
             self.robot, shifts = prepare_robot(robot, group_parameters, [chart.joints[0] for chart in charts])
-        original_q = self._trace_positions(len(robot.joints))
-        self._trace_motion(original_q + shifts, shifts)
+        self._original_q = self._trace_positions(len(robot.joints))
+        self._trace_motion(self._original_q + shifts, shifts)
         self._trace_base(base_argument_names(name, robot), prescribed_base)
         self.wrenches = self._trace_wrenches(wrenches)
         self.inputs.update({inertia_name(number): values for number, values in inertias.items()})
         self.all_passive_efforts: ScalarArray = np.zeros(len(robot.joints), dtype=int)
         if "qd" in self.inputs:
-            self.all_passive_efforts = friction(robot, self.qd) + spring_force(robot, original_q, self.qd)
+            self.all_passive_efforts = self.passive_efforts_at(self.qd)
         self.passive_efforts = self.projected(self.all_passive_efforts)
         self.force_robot, shifts, self._length_unit = choose_force_frames(self.robot, has_wrenches=bool(wrenches))
         self.force_q = self.q + shifts
@@ -216,23 +225,45 @@ class ModelTrace:
 
     def forces(self, qdd: ScalarArray, base_acceleration: ScalarArray) -> tuple[ScalarArray, ScalarArray]:
         """Forces of the tree (all joints,) and the wrench on the base (6,) at accelerations of independent joints."""
+        return self.tree_forces(self.qd, self.joint_accelerations(qdd), base_acceleration)
+
+    def tree_forces(
+        self, qd: ScalarArray, accelerations: ScalarArray, base_acceleration: ScalarArray
+    ) -> tuple[ScalarArray, ScalarArray]:
+        """Forces of the tree (all joints,) and the wrench on the base (6,) at a motion (all joints,) of all joints."""
         if self._length_unit != 1:
             base_acceleration = np.concatenate([base_acceleration[:3] / self._length_unit, base_acceleration[3:]])
-        accelerations = self.joint_accelerations(qdd)
         forces, wrench = inverse_dynamics(
-            self.force_robot, self.force_q, self.qd, accelerations, self.twist, base_acceleration, self.wrenches
+            self.force_robot, self.force_q, qd, accelerations, self.twist, base_acceleration, self.wrenches
         )
         return forces, wrench
 
+    def passive_efforts_at(self, qd: ScalarArray) -> ScalarArray:
+        """Efforts (all joints,) of springs, and of friction that does not depend on load, at velocities qd."""
+        efforts: ScalarArray = friction(self._described_robot, qd)
+        return efforts + spring_force(self._described_robot, self._original_q, qd)
+
+    def load_friction_at(self, qd: ScalarArray, forces: ScalarArray) -> ScalarArray:
+        """Load-dependent friction (all joints,) at velocities qd (all joints,) and forces of the tree (all joints,)."""
+        if not self._has_load_friction:
+            return np.zeros(len(self._joints), dtype=int)
+        return load_friction(self._joints, qd, forces)
+
     def add_friction(self, forces: ScalarArray) -> ScalarArray:
         """Forces of the tree (all joints,) with passive efforts and load-dependent friction."""
-        efforts = forces + self.all_passive_efforts
-        return efforts + load_friction(self._joints, self.qd, forces) if self._has_load_friction else efforts
+        return forces + self.all_passive_efforts + self.load_friction_at(self.qd, forces)
 
-    def loads(self, net_efforts: ScalarArray, numbers: Sequence[int]) -> ScalarArray:
-        """Loads of joints, by number, from their efforts less passive efforts."""
+    def loads(self, net_efforts: ScalarArray, numbers: Sequence[int], qd: ScalarArray | None = None) -> ScalarArray:
+        """Loads of joints, by number, from their efforts less passive efforts; at other velocities of all joints."""
         joints = [self._joints[number] for number in numbers]
-        return loads_from_net_efforts(joints, self.qd[list(numbers)], net_efforts)
+        return loads_from_net_efforts(joints, (self.qd if qd is None else qd)[list(numbers)], net_efforts)
+
+    def load_growth(self, forces: ScalarArray) -> ScalarArray:
+        """(n,) derivatives of efforts by loads; `forces` (n,) has loads of independent joints, or their signs."""
+        if not self._has_load_friction:
+            return np.ones(self.size, dtype=int)
+        numbers = self.topology.independent
+        return load_growth([self._joints[number] for number in numbers], self.qd[numbers], forces)
 
     def bias_rows(self, base_acceleration: ScalarArray) -> ScalarArray:
         """Efforts (m,) of the inverse model without joint accelerations; the wrench of a moving base comes first."""

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.codegen.trace.derivative_models import direct_derivatives_model, inverse_derivatives_model
 from robot_dynamics.codegen.trace.model_trace import ZERO_SCREW, ModelTrace, topology_of
 from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
@@ -38,11 +39,13 @@ __all__ = [
     "bias_model",
     "closure_model",
     "coriolis_model",
+    "direct_derivatives_model",
     "direct_model",
     "frames_model",
     "friction_model",
     "gravity_model",
     "inertia_matrix_model",
+    "inverse_derivatives_model",
     "inverse_model",
     "pose_model",
     "prepare_robot",

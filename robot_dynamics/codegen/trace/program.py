@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
@@ -210,6 +210,37 @@ def _mark_used_nodes(trace: Trace, output_nodes: Iterable[int]) -> list[bool]:
             for operand in operands:
                 is_used[operand] = True
     return is_used
+
+
+def order_by_use(program: Program) -> Program:
+    """The same Program with each statement shortly before the first one that reads it.
+
+    Outputs are computed column by column. Few values are then in use at a time: machine code keeps more of them in
+    registers, and passes fewer of them between the parts of a long program.
+    """
+    statements = {statement.number: statement for statement in program.statements}
+    ordered: dict[int, Statement] = {}
+    for output in program.outputs:
+        numbers = np.arange(len(output.entries)).reshape(output.shape)
+        for entry in numbers.T.ravel():
+            _append_with_operands(output.entries[entry][0], statements, ordered)
+    return replace(program, statements=tuple(ordered.values()))
+
+
+def _append_with_operands(node: int, statements: Mapping[int, Statement], ordered: dict[int, Statement]) -> None:
+    """Append a statement to `ordered` after those that it needs, unless they are there."""
+    pending = [node]
+    while pending:
+        number = pending[-1]
+        missing = []
+        if number in statements and number not in ordered:
+            missing = [k for k in statements[number].operands if k in statements and k not in ordered]
+            if not missing:
+                ordered[number] = statements[number]
+        if missing:
+            pending += missing[::-1]
+        else:
+            pending.pop()
 
 
 def constant_values(program: Program) -> dict[int, float]:
