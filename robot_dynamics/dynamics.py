@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, TypeAlias
 
 from robot_dynamics.bound_model import BoundModel
 from robot_dynamics.codegen.jit.compiled_models import MODELS, CompiledModels, available_models
-from robot_dynamics.codegen.procedure.checked_models import CHECKED_MODELS, CheckedModels
+from robot_dynamics.codegen.procedure.checked_models import BOUND_MODELS, CheckedModels
 from robot_dynamics.codegen.procedure.closure_programs import ClosurePrograms, ProgramSwitch
 from robot_dynamics.codegen.program_calls import evaluate_model, program_key
 from robot_dynamics.constraints.closure_solver import ClosureSolver
-from robot_dynamics.errors import InvalidInputError, UnavailableModelError, describe_unknown_name
+from robot_dynamics.errors import InvalidInputError, SingularModelError, UnavailableModelError, describe_unknown_name
 from robot_dynamics.flexible.elastodynamics import Elastodynamics
 from robot_dynamics.flexible.flexible_arm import FlexibleArm
 from robot_dynamics.inputs import Base
 from robot_dynamics.joint_space.joint_dynamics import JointDynamics
+from robot_dynamics.joint_space.motion_derivatives import MotionDerivatives
 from robot_dynamics.model.robot import Robot
 from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.parallel.platform_dynamics import PlatformDynamics, Platforms
 from robot_dynamics.results import DynamicsResult, Equilibrium
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array
+    from robot_dynamics.array_types import Array, ArrayLike
+    from robot_dynamics.codegen.jit.compiled_models import RunnableProgram
     from robot_dynamics.codegen.jit.compiled_program import CompiledProgram
+    from robot_dynamics.codegen.jit.program_key import ProgramKey
     from robot_dynamics.codegen.jit.python_program import PythonProgram
     from robot_dynamics.inputs import ExternalWrenches
     from robot_dynamics.model.platform import Platform
@@ -42,14 +46,20 @@ ModelName: TypeAlias = Literal[
     "regressor",
     "closure",
     "state_derivative",
+    "inverse_derivatives",
+    "direct_derivatives",
 ]
-"""Models that `Dynamics.compile` compiles; the last two only for robots with loops."""
+"""Models that `Dynamics.compile` compiles; closure and state_derivative only for robots with loops."""
 
 CheckedModelName: TypeAlias = Literal["inverse", "direct", "inertia_matrix", "gravity", "coriolis"]
 """Models that `Dynamics.bind` binds."""
 
 
-class Dynamics(JointDynamics):
+MAX_CHECKED_ENTRIES = 600
+"""Entries of derivatives up to which their checks are compiled too; compilation takes longer than it saves for more."""
+
+
+class Dynamics(JointDynamics, MotionDerivatives):
     """Inverse and direct dynamics of a robot, for one sample or a batch.
 
     Parameters
@@ -142,13 +152,13 @@ class Dynamics(JointDynamics):
         Parameters
         ----------
         model : str
-            inverse, direct, inertia_matrix, gravity, coriolis, bias, friction or regressor; for a robot with loops also
-            closure and state_derivative. With closure, calls that close loops from the positions of motors, or near a
-            seed, are compiled as well.
+            inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, inverse_derivatives or
+            direct_derivatives; for a robot with loops also closure and state_derivative. With closure, calls that close
+            loops from the positions of motors, or near a seed, are compiled as well.
         wrenches : sequence of str
             Names of the links on which external wrenches act.
         prescribed_base : bool
-            Whether the acceleration of a moving base is an input, for inverse and direct.
+            Whether the acceleration of a moving base is an input, for inverse, direct and their derivatives.
         independent : iterable of int, optional
             Numbers of the joints to take as independent, for inertia_matrix, closure and state_derivative. Default:
             those of `joint_names`.
@@ -215,8 +225,8 @@ class Dynamics(JointDynamics):
         SingularModelError
             The model has no solution in any state.
         """
-        if model not in CHECKED_MODELS:
-            raise InvalidInputError(describe_unknown_name("model", model, CHECKED_MODELS))
+        if model not in BOUND_MODELS:
+            raise InvalidInputError(describe_unknown_name("model", model, BOUND_MODELS))
         return BoundModel(self, model, self._checked_models, base, external_wrenches)
 
     @cached_property
@@ -268,6 +278,20 @@ class Dynamics(JointDynamics):
         The other models take all links as rigid.
         """
         return FlexibleArm(self)
+
+    def _runnable_program(self, key: ProgramKey) -> RunnableProgram:
+        """Return the program of a model, compiled now if it is not ready; as Python where nothing is compiled."""
+        if not self.compiled:
+            return self._programs.get_python(key)
+        program = self._programs.get(*key)
+        if sum(math.prod(shape) for _, shape in program.interface.outputs) <= MAX_CHECKED_ENTRIES:
+            self._checked_models.prepare(key.name)
+        return program
+
+    def _refuse_singular_state(self, q: ArrayLike, qd: ArrayLike, options: dict[str, Any]) -> NoReturn:
+        """Raise SingularModelError for a state without derivatives; that of the model itself if it is singular too."""
+        self.solve(q, qd, **options)
+        raise SingularModelError("the derivatives are not finite numbers here: is the pitch of a platform ±90°?")
 
     def _evaluate(
         self, model: str, arguments: Mapping[str, Array], recursion: Callable[[], Array], options: Mapping[str, object]

@@ -99,6 +99,87 @@ class Equilibrium:
     stable: BoolArray
 
 
+@dataclass(frozen=True, eq=False)
+class InverseDerivatives:
+    """Derivatives of the efforts of a motion: of `Dynamics.inverse`.
+
+    m = n independent joints, or 6 + n with a moving base, whose rows and columns come first, as in
+    `Dynamics.inertia_matrix`.
+
+    Attributes
+    ----------
+    positions : (..., m, m)
+        ∂τ/∂q. Column k is the derivative along the motion of all joints that joint k causes with the loops closed.
+        Columns of the base: a displacement ξ = [translation; rotation] in frame 0, which makes its pose T exp(ξ).
+    velocities : (..., m, m)
+        ∂τ/∂q̇; of the base by its twist.
+    accelerations : (..., m, m)
+        ∂τ/∂q̈: the mass matrix where all joints are actuated and no friction depends on load.
+
+    Notes
+    -----
+    Rows of the base: the wrench [N, N m] that holds it, where its acceleration is given in `Base`. The rows and the
+    columns of accelerations that are part of the result are zero: of unactuated joints, and of a free base.
+    """
+
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DirectDerivatives:
+    """Derivatives of the accelerations that efforts cause: of `Dynamics.direct`.
+
+    Rows and columns as in `InverseDerivatives`.
+
+    Attributes
+    ----------
+    positions : (..., m, m)
+        ∂q̈/∂q. The first rows are the acceleration of a free base, true and classical, in frame 0.
+    velocities : (..., m, m)
+        ∂q̈/∂q̇; of the base by its twist.
+    efforts : (..., m, n)
+        ∂q̈/∂τ: columns of the inverse of the mass matrix where no friction depends on load. The column of an unactuated
+        joint is the effect of a force along it.
+    base_acceleration : (..., m, 6) or None
+        Where the acceleration of the base is given in `Base`: derivatives by it. The rows of the base in the other
+        attributes are then zero.
+    """
+
+    positions: Array
+    velocities: Array
+    efforts: Array
+    base_acceleration: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """The equation of motion near one state, as a linear system dẋ = A dx + B du.
+
+    Attributes
+    ----------
+    A : (..., 2 m, 2 m)
+        x: m positions, then m velocities. m = n independent joints, or 6 + n with a moving base, which comes first.
+    B : (..., 2 m, k)
+        u: efforts of the k actuated joints.
+    state_names : tuple of str
+        Names of the entries of x.
+    input_names : tuple of str
+        Names of the actuated joints.
+
+    Notes
+    -----
+    The position of a moving base in x is its displacement ξ from the pose T of the state, [translation; rotation] in
+    frame 0: the pose is T exp(ξ). Its velocity is its twist in its own frame.
+    """
+
+    A: Array
+    B: Array
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+
+
 class ForceResidual(Protocol):
     """Residual forces (..., k) of k joints, and the forces to compare them with."""
 

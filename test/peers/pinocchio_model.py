@@ -105,3 +105,33 @@ class PinocchioModel:
         if len(acceleration) == 0:
             return acceleration
         return acceleration + np.r_[np.cross(twist[3:], twist[:3]), 0, 0, 0]
+
+    def inverse_derivatives(self, q, qd, qdd, pose=None, twist=(), base_acceleration=()):
+        """Derivatives (m, m) of the efforts by positions, velocities and accelerations."""
+        velocity = self.vector(qd, twist)
+        acceleration = self.vector(qdd, self.spatial(np.array(base_acceleration), twist))
+        by_q, by_qd, by_qdd = (
+            np.array(matrix)[np.ix_(self.rows, self.rows)]
+            for matrix in pin.computeRNEADerivatives(
+                self.model, self.data, self.position(q, pose), velocity, acceleration
+            )
+        )
+        return by_q, by_qd - by_qdd[:, : self.base_size] @ self._drift_derivatives(twist, len(by_q)), by_qdd
+
+    def direct_derivatives(self, q, qd, efforts, pose=None, twist=()):
+        """Derivatives (m, m) of the accelerations by positions, velocities and generalized efforts."""
+        velocity, torque = self.vector(qd, twist), self.vector(efforts, np.zeros(self.base_size))
+        by_q, by_qd, by_efforts = (
+            np.array(matrix)[np.ix_(self.rows, self.rows)]
+            for matrix in pin.computeABADerivatives(self.model, self.data, self.position(q, pose), velocity, torque)
+        )
+        by_qd[: self.base_size] += self._drift_derivatives(twist, len(by_q))
+        return by_q, by_qd, by_efforts
+
+    def _drift_derivatives(self, twist, columns):
+        """Derivatives (base, columns) by the velocities of classical less spatial acceleration, ω × v."""
+        derivatives = np.zeros((self.base_size, columns))
+        if self.base_size:
+            derivatives[:3, :3] = pin.skew(np.array(twist[3:]))
+            derivatives[:3, 3:6] = -pin.skew(np.array(twist[:3]))
+        return derivatives
