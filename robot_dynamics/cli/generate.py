@@ -1,8 +1,9 @@
 """Generate a model of a robot as straight-line code: C99 for a controller, or Python to read.
 
 The code needs only <math.h> or `math`, allocates no memory and keeps no state. The models are inverse, direct,
-inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), friction, regressor, pose (of --frame), and for
-robots with loops closure (one step that closes them) and state_derivative. The top of the file describes the inputs and
+inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), friction, regressor, inverse_derivatives,
+direct_derivatives, pose (of --frame), and for robots with loops closure (one step that closes them) and
+state_derivative. The top of the file describes the inputs and
 outputs. Two robots in one program need two prefixes.
 """
 
@@ -18,6 +19,7 @@ from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_a
 from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.emit.python_source import python_source
 from robot_dynamics.codegen.jit.compiled_models import MODELS, available_models
+from robot_dynamics.codegen.jit.program_key import SOLVING_MODELS
 from robot_dynamics.codegen.trace.models import pose_model
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError
@@ -27,8 +29,6 @@ if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
 
 NAME = "generate"
-MODELS_WITH_WRENCHES = ("inverse", "direct")
-
 NamedVectors: TypeAlias = tuple[tuple[str, Sequence[str]], ...]
 """Sentences about vectors, each with the names of the entries."""
 
@@ -46,8 +46,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar="LINK",
         action="append",
         default=[],
-        help="add an argument for the external wrench on this link, in its own frame (inverse, direct); repeat for "
-        "several links",
+        help="add an argument for the external wrench on this link, in its own frame (inverse, direct and their "
+        "derivatives); repeat for several links",
     )
 
 
@@ -88,11 +88,11 @@ def _build_program(arguments: Namespace, robot: Robot) -> Program:
             raise DescriptionError("--model pose needs --frame with the name of a frame of the robot")
         robot.frame(arguments.frame)
         return pose_model(robot, arguments.frame)
-    if arguments.wrench and model not in MODELS_WITH_WRENCHES:
-        raise DescriptionError(f"--wrench applies to the models inverse and direct, not to {model}")
+    if arguments.wrench and model not in SOLVING_MODELS:
+        raise DescriptionError(f"--wrench applies to inverse, direct and their derivatives, not to {model}")
     for link in arguments.wrench:
         robot.frame(link)
     if model not in available_models(robot):
         raise DescriptionError(f"{robot.name!r} has no loops: its models are {', '.join(available_models(robot))}")
-    options = {"wrenches": arguments.wrench} if model in MODELS_WITH_WRENCHES else {}
+    options = {"wrenches": arguments.wrench} if model in SOLVING_MODELS else {}
     return MODELS[model](robot, **options)

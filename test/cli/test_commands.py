@@ -189,7 +189,9 @@ def test_generated_python_agrees_with_the_library(tmp_path, capsys):
     np.testing.assert_allclose(result, expected, rtol=1e-10)
 
 
-@pytest.mark.parametrize("model", ["direct", "inertia_matrix", "gravity", "coriolis", "bias", "regressor", "pose"])
+@pytest.mark.parametrize(
+    "model", ["direct", "inertia_matrix", "gravity", "coriolis", "bias", "regressor", "pose", "direct_derivatives"]
+)
 def test_generated_c_compiles_without_a_warning(model, tmp_path, capsys):
     compiler = shutil.which("cc")
     if compiler is None:
@@ -221,7 +223,7 @@ def test_generate_refuses_missing_or_meaningless_options(tmp_path, capsys):
     assert "unknown link 'tol0': did you mean 'tool0'" in refused(
         ["generate", "ur5e", "--model", "pose", "--frame", "tol0"], capsys
     )
-    assert "inverse and direct, not to gravity" in refused(
+    assert "inverse, direct and their derivatives, not to gravity" in refused(
         ["generate", "ur5e", "--model", "gravity", "--wrench", "tool0"], capsys
     )
     assert "cannot be written" in refused(["generate", "ur5e", "--output", "/proc/nowhere"], capsys)

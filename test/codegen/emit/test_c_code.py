@@ -13,9 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from peers.derivative_cases import random_state
 from peers.straight_lines import NUMBERS, SPECIAL, interpreted, programs
+from peers.traced_models import shipped_program, shipped_robot
 
-from robot_dynamics import load_robot
+from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.codegen.emit.c_code import c_name, c_source
 from robot_dynamics.codegen.jit.python_functions import python_function
 from robot_dynamics.codegen.trace.parameter_grouping import group_inertial_parameters
@@ -136,6 +138,21 @@ def test_generated_c_agrees_for_models_of_the_panda(tmp_path, form, number):
         from_python = function(*sample)
         same(from_c, interpreted(program, inputs, parameters))
         same(from_c, from_python if len(program.outputs) > 1 else [from_python])
+
+
+@pytest.mark.parametrize("name", ["rx90", "four_bar"])
+def test_generated_c_of_derivatives_agrees_with_dynamics(tmp_path, name):
+    dynamics = Dynamics(shipped_robot(name), compiled=False)
+    state = random_state(dynamics.robot)
+    last = {"inverse": "qdd", "direct": "efforts"}
+    for model, argument in last.items():
+        program = shipped_program(name, f"{model}_derivatives")
+        compiled = Compiled(tmp_path, program, prefix=f"{name}_")
+        results = compiled({key: state[key] for key in program.inputs})
+        derivatives = getattr(dynamics, program.name)(state["q"], state["qd"], state[argument])
+        for output, values in zip(program.outputs, results, strict=True):
+            expected = getattr(derivatives, output.name.removeprefix("by_"))
+            np.testing.assert_allclose(np.reshape(values, output.shape), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.slow
