@@ -99,6 +99,7 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/compiled_models.py
 	.venv/bin/python benchmarks/closed_loops.py
 	.venv/bin/python benchmarks/single_calls.py
+	.venv/bin/python benchmarks/derivatives.py
 	.venv/bin/python benchmarks/simulation_steps.py
 	.venv/bin/python benchmarks/parallel_robots.py
 	.venv/bin/python benchmarks/elastodynamics.py
