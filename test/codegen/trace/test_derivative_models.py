@@ -12,7 +12,6 @@ from peers.frictions import with_random_friction
 from peers.random_loops import random_loops
 from peers.random_platforms import random_platform
 from peers.random_robots import random_urdf
-from peers.real_robots import real_urdf
 from peers.traced_models import shipped_program, shipped_robot
 
 from robot_dynamics import load_robot, shipped_robots
@@ -76,12 +75,6 @@ def test_external_wrenches(name, links):
     rng = np.random.default_rng(3)
     state.update({f"wrench on {link}": rng.uniform(-9, 9, 6) for link in links})
     require_small(largest_errors(robot, state, wrenches=links))
-
-
-@pytest.mark.slow
-def test_robot_with_legs():
-    robot = load_robot(real_urdf("talos_reduced"))
-    require_small(largest_errors(robot, random_state(robot)))
 
 
 def test_coulomb_friction_at_rest_counts_as_constant():
