@@ -83,6 +83,8 @@ class Viewer:
         self.payload_panel = PayloadPanel(gui, self.view)
         self.view.draw()
         self.view.draw_efforts()
+        if self.motion_panel is not None:
+            self.motion_panel.move_to(0.0)
 
     @property
     def url(self) -> str:

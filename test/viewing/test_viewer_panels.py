@@ -118,8 +118,12 @@ def test_arrow_starts_at_the_frame_and_has_the_direction_and_length_of_the_force
 def test_reference_is_drawn_at_its_own_positions(open_viewer):
     robot = load_robot("rx90")
     motion = PlayedMotion(np.array([0.0, 1.0]), np.zeros((2, 6)), *np.full((2, 2, 6), np.nan))
-    reference = PlayedMotion(motion.times, np.array([np.zeros(6), np.full(6, 0.3)]), motion.efforts, motion.efforts)
+    reference = PlayedMotion(motion.times, np.array([np.full(6, 0.1), np.full(6, 0.3)]), motion.efforts, motion.efforts)
     viewer = open_viewer("rx90", motion=motion.beside(reference))
+    assert viewer.view.tasks.wait(10)
+    start = link_matrices(robot, np.full(6, 0.1))  # before anything is played
+    for link, node in viewer.view.reference_scene.link_frames.items():
+        assert node.position == pytest.approx(start[link, :3, 3], abs=1e-12)
     viewer.motion_panel.move_to(1.0)
     assert viewer.view.tasks.wait(10)
     expected = link_matrices(robot, np.full(6, 0.3))
@@ -129,7 +133,7 @@ def test_reference_is_drawn_at_its_own_positions(open_viewer):
         assert node.position == pytest.approx(link_matrices(robot, np.zeros(6))[link, :3, 3], abs=1e-12)
     _, positions, references, lower, upper = viewer.motion_panel.position_plot.data
     limits = robot.joints[0].limits
-    assert references.tolist() == [0, 0.3] and positions.tolist() == [0, 0]
+    assert references.tolist() == [0.1, 0.3] and positions.tolist() == [0, 0]
     assert lower[0] == limits.lower and upper[0] == limits.upper
 
 
