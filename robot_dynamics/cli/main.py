@@ -44,7 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except RobotDynamicsError as error:
         print(error, file=sys.stderr)
         return 1
-    parsed = parser.parse_args(arguments)
+    parsed, unknown = parser.parse_known_args(arguments)
+    verb_parser = parsed.parser
+    del parsed.parser  # verbs send their arguments to other processes
+    if unknown:
+        verb_parser.error(f"unrecognized arguments: {' '.join(unknown)}")
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # the encoding of the terminal may lack characters
@@ -69,7 +73,7 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         verb.add_arguments(verb_parser)
-        verb_parser.set_defaults(run=verb.run)
+        verb_parser.set_defaults(run=verb.run, parser=verb_parser)  # whose usage an error shows
     return parser
 
 

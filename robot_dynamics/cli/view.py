@@ -89,11 +89,13 @@ def run(arguments: Namespace) -> None:
         page, warnings = robot_page(robot, motion, packages)
         print_warnings(arguments.robot, warnings)
         write_text(arguments.output, page)
+        print(f"page: {arguments.output}")
         return
     viewer = Viewer(robot, port=arguments.port, motion=motion, packages=packages)
     try:
         print_warnings(arguments.robot, viewer.view.warnings)
-        _wait_for_end(f"{robot.name} is at {viewer.url} until Ctrl-C")
+        taken = "" if viewer.server.get_port() == arguments.port else f"port {arguments.port} is taken: "
+        _wait_for_end(f"{taken}{robot.name} is at {viewer.url} until Ctrl-C")
     finally:
         viewer.close()
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.notebook_display import notebook_html
-from robot_dynamics.parallel.pose_map import complete_coordinates, evaluate_over_grid
+from robot_dynamics.parallel.pose_map import check_dynamics, complete_coordinates, evaluate_over_grid
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, ScalarArray
@@ -76,6 +76,7 @@ def frequency_map(
     InvalidInputError
         The robot has no platform or several; a coordinate is unknown, not free, or both varied and fixed.
     """
+    check_dynamics(dynamics)
     elastodynamics = dynamics.elastodynamics
     elastodynamics.compile_if_possible()
 

@@ -108,6 +108,12 @@ def pose_map(
     )
 
 
+def check_dynamics(dynamics: Dynamics) -> None:
+    """Refuse what is no Dynamics, such as a Robot. Raises InvalidInputError."""
+    if not hasattr(dynamics, "robot"):
+        raise InvalidInputError(f"a map is of Dynamics(robot), not of {dynamics!r:.60}")
+
+
 def evaluate_over_grid(
     dynamics: Dynamics,
     axes: Mapping[str, ArrayLike],
@@ -119,6 +125,7 @@ def evaluate_over_grid(
 
     axes, fixed_coordinates and progress: as for `pose_map`.
     """
+    check_dynamics(dynamics)
     platform = dynamics.platform
     if len(platform.link_names) > 1:
         raise InvalidInputError(

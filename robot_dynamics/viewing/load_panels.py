@@ -90,5 +90,6 @@ class PayloadPanel:
 
     def _apply(self) -> None:
         centre = np.array(self._centre.value, dtype=float)
-        inertia = Inertia.about_centre_of_mass(float(self.mass.value), np.zeros((3, 3)), centre)
+        mass = min(max(float(self.mass.value), 0.0), MAX_MASS)  # while a number is typed, the page sends others too
+        inertia = Inertia.about_centre_of_mass(mass, np.zeros((3, 3)), centre)
         self._view.carry(str(self._link.value), inertia)

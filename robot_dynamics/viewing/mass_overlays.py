@@ -27,6 +27,7 @@ class MassOverlay:
     """Centres of mass: a ball for each link with its payload, its volume as its mass, and one for the whole robot."""
 
     title = "Centres of mass (whole robot: orange)"
+    is_inside = True
 
     def __init__(self, scene: SceneApi, drawn: RobotScene, radius: float) -> None:
         self._scene = scene
@@ -79,6 +80,7 @@ class InertiaOverlay:
     """The ellipsoids of uniform density that have the mass and the inertia of the links."""
 
     title = "Inertia ellipsoids"
+    is_inside = True
 
     def __init__(self, scene: SceneApi, drawn: RobotScene) -> None:
         self._nodes = []

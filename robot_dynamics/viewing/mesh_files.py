@@ -89,7 +89,8 @@ def _resolve_in_package(path: str, folder: Path | None, packages: Mapping[str, P
         raise _RefusedError(f"{name[:60]!r} is not the name of a package")
     roots = list(_package_folders(name, folder, packages))
     if not roots:
-        raise _RefusedError(f"no package {name!r} is known. Give its folder, or source its workspace")
+        remedy = f"Give its folder (--package {name}=FOLDER), or source its workspace"
+        raise _RefusedError(f"no package {name!r} is known. {remedy}")
     paths = [_resolve_inside(root / inner.lstrip("/"), [root], name) for root in roots]
     existing = [path for path in paths if path is not None and path.exists()]
     if not existing and None in paths:

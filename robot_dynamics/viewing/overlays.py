@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
@@ -24,12 +24,20 @@ ARC_COLOUR = (200, 40, 120)
 ARC_POINTS = 25
 FULL_ARC = 1.5 * np.pi  # [rad] of an effort at its limit
 ARC_RADIUS = 6.0  # relative to the radius of the bones
+ANCHORS: tuple[Literal["bottom-left", "top-left", "bottom-right", "top-right"], ...] = (
+    "bottom-left",
+    "top-left",
+    "bottom-right",
+    "top-right",
+)
+"""Where the points of labels are on them, in turn, so that the labels of joints at one place do not hide each other."""
 
 
 class Overlay(Protocol):
     """Something drawn over a robot, which a checkbox shows and hides."""
 
     title: str
+    is_inside: bool  # of the links, so that opaque ones hide it
 
     def show(self, is_visible: bool) -> None:
         """Show or hide it."""
@@ -42,6 +50,7 @@ class FrameOverlay:
     """The frames of the links: x red, y green, z blue."""
 
     title = "Frames of links (x red, y green, z blue)"
+    is_inside = True
 
     def __init__(self, scene: SceneApi, drawn: RobotScene, radius: float) -> None:
         robot = drawn.robot
@@ -72,6 +81,7 @@ class MDHOverlay:
     """The six parameters between two frames: offsets b and r along z, the common normal d along x, and their values."""
 
     title = "MDH parameters (r, b blue; d red)"
+    is_inside = True
 
     def __init__(self, scene: SceneApi, drawn: RobotScene, radius: float) -> None:
         robot = drawn.robot
@@ -86,7 +96,8 @@ class MDHOverlay:
             label = scene.add_label(
                 f"{drawn.link_node(joint.antecedent)}/mdh_{index}_{node_name(joint.name)}",
                 mdh_text(robot, index),
-                position=corners.mean(axis=0),
+                position=np.vstack([corners, joint.placement[:3, 3]]).mean(axis=0),
+                anchor=ANCHORS[index % len(ANCHORS)],
                 visible=False,
             )
             self._labels.append(label)
@@ -151,6 +162,7 @@ class NameOverlay:
     """The names of joints and of links."""
 
     title = "Names"
+    is_inside = False
 
     def __init__(self, scene: SceneApi, drawn: RobotScene) -> None:
         self._labels = [
@@ -158,6 +170,7 @@ class NameOverlay:
                 f"{drawn.link_node(body.link)}/name_{number}_{node_name(body.name)}",
                 body.name,
                 position=body.mesh.bounds.mean(axis=0),
+                anchor=ANCHORS[number % len(ANCHORS)],
                 visible=False,
             )
             for number, body in enumerate(drawn.bodies)
@@ -179,6 +192,7 @@ class EffortOverlay:
     """
 
     title = "Efforts that hold the robot"
+    is_inside = False
 
     def __init__(self, scene: SceneApi, drawn: RobotScene, radius: float, independent: list[int]) -> None:
         self._robot = drawn.robot

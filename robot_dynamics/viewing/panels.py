@@ -99,17 +99,24 @@ class PlatformPanel:
 
 
 class OverlayPanel:
-    """A checkbox for each overlay."""
+    """A checkbox for each overlay. What lies inside of links makes the robot translucent."""
 
     def __init__(self, gui: GuiApi, view: RobotView) -> None:
+        self._scene = view.scene
+        self.boxes: dict[str, Any] = {}
+        self._inside: list[Any] = []
         with gui.add_folder("Show", expand_by_default=False):
             for overlay in view.overlays:
-                checkbox = gui.add_checkbox(overlay.title, initial_value=False)
-                checkbox.on_update(partial(self._show, overlay))
+                box: Any = gui.add_checkbox(overlay.title, initial_value=False)
+                box.on_update(partial(self._show, overlay))
+                self.boxes[overlay.title] = box
+                if overlay.is_inside:
+                    self._inside.append(box)
 
-    @staticmethod
-    def _show(overlay: Overlay, event: Any) -> None:
+    def _show(self, overlay: Overlay, event: Any) -> None:
         overlay.show(bool(event.target.value))
+        if overlay.is_inside:
+            self._scene.make_translucent(any(box.value for box in self._inside))
 
 
 class StatusPanel:

@@ -24,6 +24,8 @@ MAX_COLOURS = 32
 """Most colours of a shape that are drawn."""
 MAX_SMOOTH_FACES = 2000
 """Faces of a shape up to which its edges are looked for, so that only round surfaces are shaded as round."""
+INSIDE_OPACITY = 0.35
+"""Opacity of a robot of which the inside is shown."""
 
 
 class RobotScene:
@@ -106,6 +108,12 @@ class RobotScene:
     def show(self, is_visible: bool) -> None:
         """Show or hide the robot."""
         self._root.visible = is_visible
+
+    def make_translucent(self, is_translucent: bool) -> None:
+        """Draw all shapes translucent, so that what is inside of them is seen, or with their own opacity."""
+        for body, handle in self.meshes:
+            opacity = body.opacity * (INSIDE_OPACITY if is_translucent else 1.0)
+            handle.opacity = None if opacity >= 1 else opacity
 
     def mark_singular(self, is_singular: bool) -> None:
         """Draw all shapes in red, or in their own colours."""

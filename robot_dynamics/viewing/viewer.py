@@ -78,11 +78,13 @@ class Viewer:
         self.assembly_panel = AssemblyPanel(gui, self.view) if robot.loops else None
         self.motion_panel = None if motion is None else MotionPanel(gui, self.view, motion)
         self._mode_panel = ModePanel(self.server, self.view) if is_elastic(robot) else None
-        OverlayPanel(gui, self.view)
+        self.overlay_panel = OverlayPanel(gui, self.view)
         self.wrench_panel = WrenchPanel(gui, self.server.scene, self.view)
         self.payload_panel = PayloadPanel(gui, self.view)
         self.view.draw()
         self.view.draw_efforts()
+        if self.motion_panel is not None:
+            self.motion_panel.move_to(0.0)
 
     @property
     def url(self) -> str:

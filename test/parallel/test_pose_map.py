@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from peers.gough_stewart import gough_stewart
 
-from robot_dynamics import Dynamics, InvalidInputError
+from robot_dynamics import Dynamics, InvalidInputError, frequency_map
 from robot_dynamics.parallel.platform_dynamics import pose_from_coordinates
 from robot_dynamics.parallel.pose_map import pose_map
 
@@ -41,6 +41,12 @@ def test_poses_out_of_reach_are_nan():
     actual = pose_map(Dynamics(replace(robot, joints=tuple(limited))), {"z": np.array([0.2, 0.8, 3.0])})
     assert actual.within_limits.tolist() == [False, True, False]
     assert np.isnan(actual.efforts[[0, 2]]).all() and np.isfinite(actual.efforts[1]).all()
+
+
+def test_robot_in_place_of_its_dynamics_is_refused():
+    for function in (pose_map, frequency_map):
+        with pytest.raises(InvalidInputError, match=r"a map is of Dynamics\(robot\), not of Robot\("):
+            function(DYNAMICS.robot, {"x": [0.0]})
 
 
 def test_unknown_coordinate_is_refused():

@@ -12,6 +12,7 @@ from robot_dynamics.viewing.body import SINGULAR_COLOUR
 from robot_dynamics.viewing.link_poses import frame_poses, link_matrices
 from robot_dynamics.viewing.name_panel import describe_body
 from robot_dynamics.viewing.played_motion import PlayedMotion
+from robot_dynamics.viewing.scene import INSIDE_OPACITY
 from robot_dynamics.viewing.viewer import Viewer
 
 
@@ -61,6 +62,32 @@ def test_payload_moves_the_drawn_centre_of_mass(open_viewer):
     assert np.array(overlay._total.position) == pytest.approx((masses * before + 3 * tool) / (masses + 3), abs=1e-9)
 
 
+def test_negative_payload_counts_as_none(open_viewer):
+    viewer = open_viewer("five_bar")
+    moving_mass = sum(link.inertia.mass for link in viewer.view.configuration.robot.links)
+    for typed, carried in ((2.0, 2.0), (-3.0, 0.0)):  # the page sends numbers below the minimum while they are typed
+        viewer.payload_panel.mass.value = typed
+        viewer.payload_panel._apply()
+        assert viewer.view.tasks.wait(10)
+        robot = viewer.view.configuration.robot
+        assert sum(link.inertia.mass for link in robot.links) == pytest.approx(moving_mass + carried, abs=1e-12)
+
+
+def test_robot_is_translucent_while_something_inside_of_it_is_shown(open_viewer):
+    viewer = open_viewer("five_bar")
+    panel, overlays = viewer.overlay_panel, {overlay.title: overlay for overlay in viewer.view.overlays}
+
+    def opacities(title, is_shown):
+        panel.boxes[title].value = is_shown
+        panel._show(overlays[title], SimpleNamespace(target=panel.boxes[title]))
+        return {handle.opacity for _, handle in viewer.view.scene.meshes}
+
+    frames, parameters = (title for title in overlays if title.startswith(("Frames", "MDH")))
+    assert opacities("Names", True) == {None}
+    assert opacities(frames, True) == opacities(parameters, True) == opacities(frames, False) == {INSIDE_OPACITY}
+    assert opacities(parameters, False) == {None}
+
+
 def test_arrow_starts_at_the_frame_and_has_the_direction_and_length_of_the_force(open_viewer):
     viewer = open_viewer("panda")
     panel, view = viewer.wrench_panel, viewer.view
@@ -91,8 +118,12 @@ def test_arrow_starts_at_the_frame_and_has_the_direction_and_length_of_the_force
 def test_reference_is_drawn_at_its_own_positions(open_viewer):
     robot = load_robot("rx90")
     motion = PlayedMotion(np.array([0.0, 1.0]), np.zeros((2, 6)), *np.full((2, 2, 6), np.nan))
-    reference = PlayedMotion(motion.times, np.array([np.zeros(6), np.full(6, 0.3)]), motion.efforts, motion.efforts)
+    reference = PlayedMotion(motion.times, np.array([np.full(6, 0.1), np.full(6, 0.3)]), motion.efforts, motion.efforts)
     viewer = open_viewer("rx90", motion=motion.beside(reference))
+    assert viewer.view.tasks.wait(10)
+    start = link_matrices(robot, np.full(6, 0.1))  # before anything is played
+    for link, node in viewer.view.reference_scene.link_frames.items():
+        assert node.position == pytest.approx(start[link, :3, 3], abs=1e-12)
     viewer.motion_panel.move_to(1.0)
     assert viewer.view.tasks.wait(10)
     expected = link_matrices(robot, np.full(6, 0.3))
@@ -102,7 +133,7 @@ def test_reference_is_drawn_at_its_own_positions(open_viewer):
         assert node.position == pytest.approx(link_matrices(robot, np.zeros(6))[link, :3, 3], abs=1e-12)
     _, positions, references, lower, upper = viewer.motion_panel.position_plot.data
     limits = robot.joints[0].limits
-    assert references.tolist() == [0, 0.3] and positions.tolist() == [0, 0]
+    assert references.tolist() == [0.1, 0.3] and positions.tolist() == [0, 0]
     assert lower[0] == limits.lower and upper[0] == limits.upper
 
 
