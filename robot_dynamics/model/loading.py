@@ -15,12 +15,13 @@ from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, UTF16_
 from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
 from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.formats.xacro.expansion import is_xacro, read_xacro
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike
     from robot_dynamics.model.robot import Robot
 
-FORMATS = "a URDF, an MDH table in YAML or a SYMORO+ .par"
+FORMATS = "a URDF, a xacro, an MDH table in YAML or a SYMORO+ .par"
 SUFFIXES = (".urdf", ".yaml", ".par")
 
 logger = logging.getLogger(__name__)
@@ -120,6 +121,8 @@ def read_robot(
     if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
         raise DescriptionError(f"{source}: values are {values!r:.60}: {{name: number or expression}} is needed")
     if is_urdf(text):
+        if isinstance(source, Path) and is_xacro(text, source):
+            return read_xacro(source, values=values, moving_base=moving_base, gravity=gravity)
         if values:
             raise DescriptionError(
                 f"{source}: values of {', '.join(values)} are given, but a URDF has no names without a value"
