@@ -96,9 +96,9 @@ def test_reads_elements_of_xacro_in_a_file_of_any_name(tmp_path):
     body = '<xacro:property name="m" value="2"/>\n<link name="a"/>'
     assert load_robot(written(tmp_path, body, "robot.urdf")).base_link == "a"
     text = written(tmp_path, body).read_text()
-    with pytest.raises(DescriptionError, match="is xacro. Expand it first"):
+    with pytest.raises(DescriptionError, match=r"is xacro\. Expand it first"):
         load_robot(text)
-    with pytest.raises(DescriptionError, match="is xacro. Expand it first"):
+    with pytest.raises(DescriptionError, match=r"is xacro\. Expand it first"):
         load_robot(text.encode())
 
 
@@ -135,7 +135,7 @@ def test_endless_expansion_is_ended(tmp_path, monkeypatch):
 
 
 def test_long_expansion_is_refused(tmp_path):
-    with pytest.raises(DescriptionError, match="expands to 2[0-9]+ characters: more than 10485760"):
+    with pytest.raises(DescriptionError, match=r"expands to 2[0-9]+ characters: more than 10485760"):
         load_robot(written(tmp_path, "<link name=\"${'a' * 2 * 10**7}\"/>"))
 
 
