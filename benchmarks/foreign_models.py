@@ -129,7 +129,7 @@ def examine(path):
 
 def reason(detail):
     """Return a message without names and numbers: messages of one cause become equal."""
-    return re.sub(r"'[^']*'|\b\d[\d.e-]*", "*", detail)[:110]
+    return re.sub(r"'[^']*'(, '[^']*')*|\b\d[\d.e-]*", "*", detail)[:110]
 
 
 def main(folder):

@@ -33,10 +33,8 @@ def viewed_urdf(description: str) -> str:
     """
     text, source = read_description(description)
     robot = read_robot(text, source=source)
-    if is_urdf(text) and is_xacro(text, source):
-        text = expand_xacro(source)
     if is_urdf(text) and robot.visuals and not robot.moving_base:
-        return decode_urdf(text, source)
+        return expand_xacro(source) if is_xacro(text, source) else decode_urdf(text, source)
     return write_urdf(replace(add_skeleton(robot), moving_base=False), lossy=True)
 
 

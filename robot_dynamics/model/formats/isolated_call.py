@@ -29,7 +29,7 @@ MEMORY_LIMIT = 4 * 1024**3
 # the process of the call finds modules where this one does; its first line of input says where
 PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.stdin.buffer.readline()); "
-    "from robot_dynamics.model.formats.isolated_call import answer_call; answer_call()"
+    "from robot_dynamics.model.formats.isolated_call import serve_call; serve_call()"
 )
 
 
@@ -79,7 +79,7 @@ def call_isolated(module: str, arguments: Mapping[str, Any], source: object, tas
     return response["result"]
 
 
-def answer_call() -> None:
+def serve_call() -> None:
     """Run in the process of a call: read its second line of input, call the function, write the response."""
     _limit_memory()
     module, arguments = json.loads(sys.stdin.buffer.readline())

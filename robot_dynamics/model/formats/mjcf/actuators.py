@@ -48,7 +48,7 @@ def added_to_joint(model: dict[str, Any], field: str, joint: int) -> float:
     """Return what actuators add to the armature or the damping of a joint, referred to the joint."""
     if field not in model:  # an older MuJoCo
         return 0.0
-    return sum(model[field][n] * model["actuator_gear"][n][0] ** 2 for n in actuators_of_joint(model, joint))
+    return float(sum(model[field][n] * model["actuator_gear"][n][0] ** 2 for n in actuators_of_joint(model, joint)))
 
 
 def effort_limit(model: dict[str, Any], joint: int) -> float:
@@ -62,7 +62,7 @@ def effort_limit(model: dict[str, Any], joint: int) -> float:
 
 def _actuator_limit(model: dict[str, Any], number: int) -> float:
     """Return the largest effort of an actuator at its joint in both directions."""
-    gear = abs(model["actuator_gear"][number][0])
+    gear: float = abs(model["actuator_gear"][number][0])
     if model["actuator_forcelimited"][number]:
         return gear * _smaller_end(model["actuator_forcerange"][number])
     is_motor = (
@@ -71,7 +71,7 @@ def _actuator_limit(model: dict[str, Any], number: int) -> float:
         and model["actuator_dyntype"][number] == "mjDYN_NONE"
     )
     if is_motor and model["actuator_ctrllimited"][number]:
-        gain = abs(model["actuator_gainprm"][number][0])
+        gain: float = abs(model["actuator_gainprm"][number][0])
         return gear * gain * _smaller_end(model["actuator_ctrlrange"][number])
     return np.inf
 

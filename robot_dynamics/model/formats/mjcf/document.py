@@ -22,6 +22,7 @@ UNUSED_ELEMENTS = (
 """Elements without effect on the motion of a robot that touches nothing; many of them name files."""
 
 SUBMODELS = ("attach", "model")
+CHECKED_FILES = ("mesh", "hfield")  # whose files are checked, or not read, before the model is compiled
 
 
 def is_mjcf(text: str | bytes) -> bool:
@@ -65,9 +66,15 @@ def read_document(text: str, folder: Path | None, source: str) -> Element:
                 f"<{element.tag}> is not read: it attaches another model. Save the compiled model as one file, by "
                 "mujoco.mj_saveLastXML"
             )
+        if element.tag == "flexcomp":
+            raise DescriptionError(f"flexcomp {element.get('name', '')!r} is a soft body: only rigid bodies are read")
         element.attrib.pop("material", None)
         if element.tag in UNUSED_ELEMENTS and element.getparent() is not None:
             element.getparent().remove(element)
+    for element in root.iter(etree.Element):  # the compiler would open these files, wherever they are
+        name = next((name for name in element.attrib if str(name).startswith("file")), None)
+        if name is not None and element.tag not in CHECKED_FILES:
+            raise DescriptionError(f"<{element.tag}> names a file ({name}), which is not read: remove it")
     return root
 
 

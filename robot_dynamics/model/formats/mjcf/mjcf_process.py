@@ -65,9 +65,9 @@ def _prepare(mujoco: Any, spec: Any, folder: Path | None) -> dict[str, bytes]:
     from_shapes = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     spec.compiler.fusestatic = False  # all bodies remain as frames
     for geom in list(spec.geoms):
-        is_read = geom.type in (kinds.mjGEOM_MESH, kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF)
+        is_mesh = geom.type in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF)
         is_unused = geom.parent.name == "world" or (geom.parent.explicitinertial and not from_shapes)
-        if is_read and is_unused:
+        if geom.type == kinds.mjGEOM_HFIELD or (is_mesh and is_unused):  # a height field has no inertia
             spec.delete(geom)
     used = {geom.meshname for geom in spec.geoms}
     assets = {}

@@ -85,13 +85,13 @@ def _provide_package_search(folder: Path) -> None:
     """
 
     def get_package_share_directory(name: str) -> str:
-        found = next(package_folders(name, folder, {}), None) if PACKAGE_NAME.fullmatch(name) else None
+        package_folder = next(package_folders(name, folder, {}), None) if PACKAGE_NAME.fullmatch(name) else None
         own = enclosing_package(folder)[-1]
-        if found is None and source_package(own / PACKAGE_FILE) == name:  # a checkout in a folder of another name
-            found = own
-        if found is None:
+        if package_folder is None and source_package(own / PACKAGE_FILE) == name:
+            package_folder = own  # a checkout in a folder of another name
+        if package_folder is None:
             raise LookupError(f"no package {name!r} is known: source its workspace, or set ROS_PACKAGE_PATH")
-        return str(found)
+        return str(package_folder)
 
     package, module = ModuleType("ament_index_python"), ModuleType("ament_index_python.packages")
     module.__dict__["get_package_share_directory"] = get_package_share_directory

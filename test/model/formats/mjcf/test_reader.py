@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from robot_dynamics import DescriptionError, Dynamics, load_robot, write_mdh_yaml
+from robot_dynamics.model.formats.mjcf import mjcf_process, reader
 from robot_dynamics.model.formats.mjcf.document import is_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -155,13 +156,20 @@ REFUSED = {
     "damped base": (changed("<freejoint", '<joint type="free" damping="1"', FREE), "'root' is free and has damping"),
     "unknown element": (changed('<joint name="other"', '<hinge name="other"'), "MuJoCo cannot compile it: .*hinge"),
     "entity": ("<!DOCTYPE a [<!ENTITY b 'c'>]><mujoco/>", "a DOCTYPE is refused"),
+    "soft body": (
+        changed("<light", '<flexcomp name="f" type="mesh" file="/etc/passwd"/><light', FREE),
+        "'f' is a soft",
+    ),
+    "other file": (changed("<light", '<site file="/etc/passwd"/><light', FREE), "<site> names a file"),
     "submodel": (changed("<option", '<asset><model file="a.xml"/></asset><option'), "<model> is not read"),
 }
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_has_no_equal_is_refused_by_name(case):
+def test_what_has_no_equal_is_refused_by_name(case, monkeypatch):
+    """The compiler runs in this process, which takes less time than one for each case."""
     text, message = REFUSED[case]
+    monkeypatch.setattr(reader, "call_isolated", lambda module, arguments, source, task: mjcf_process.run(arguments))
     with pytest.raises(DescriptionError, match=f"(?s){message}"):
         load_robot(text)
 
