@@ -12,6 +12,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +34,9 @@ PROGRAM = (
 )
 
 
-def call_isolated(module: str, arguments: Mapping[str, Any], source: object, task: str) -> Any:
+def call_isolated(
+    module: str, arguments: Mapping[str, Any], source: object, task: str, writes_files: bool = False
+) -> Any:
     """Return the result of a function `run(arguments)` of a module of this package, called in another process.
 
     Parameters
@@ -46,6 +49,8 @@ def call_isolated(module: str, arguments: Mapping[str, Any], source: object, tas
         Name of the description in error messages.
     task : str
         What the function does, for error messages, such as ``"xacro"``.
+    writes_files : bool
+        Whether the library writes files where it runs, such as a log: it then runs in a temporary folder.
 
     Raises
     ------
@@ -54,15 +59,18 @@ def call_isolated(module: str, arguments: Mapping[str, Any], source: object, tas
     MissingPackageError
         If a package is not installed.
     """
-    request = "\n".join(json.dumps(part) for part in (sys.path, [module, dict(arguments)]))
+    search_path = [os.path.abspath(entry) for entry in sys.path]
+    request = "\n".join(json.dumps(part) for part in (search_path, [module, dict(arguments)]))
     try:
-        process = subprocess.run(
-            [sys.executable, "-c", PROGRAM],
-            input=request.encode(),
-            capture_output=True,
-            timeout=TIME_LIMIT,
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"},
-        )
+        with tempfile.TemporaryDirectory() if writes_files else contextlib.nullcontext() as folder:
+            process = subprocess.run(
+                [sys.executable, "-c", PROGRAM],
+                input=request.encode(),
+                capture_output=True,
+                timeout=TIME_LIMIT,
+                cwd=folder,
+                env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"},
+            )
     except subprocess.TimeoutExpired:
         raise DescriptionError(f"{source}: {task} takes more than {TIME_LIMIT:g} s. The text may loop") from None
     except OSError as error:

@@ -57,7 +57,8 @@ def read_mjcf(
     """
     folder = str(source.absolute().parent) if isinstance(source, Path) else None
     decoded = decode_urdf(text, source)
-    model = call_isolated(PROCESS, {"text": decoded, "folder": folder, "source": str(source)}, source, "MuJoCo")
+    request = {"text": decoded, "folder": folder, "source": str(source)}
+    model = call_isolated(PROCESS, request, source, "MuJoCo", writes_files=True)
     if gravity is None:
         gravity = np.zeros(3) if "mjDSBL_GRAVITY" in model["disabled"] else model["gravity"]
     try:

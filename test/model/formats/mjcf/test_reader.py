@@ -169,7 +169,7 @@ REFUSED = {
 def test_what_has_no_equal_is_refused_by_name(case, monkeypatch):
     """The compiler runs in this process, which takes less time than one for each case."""
     text, message = REFUSED[case]
-    monkeypatch.setattr(reader, "call_isolated", lambda module, arguments, source, task: mjcf_process.run(arguments))
+    monkeypatch.setattr(reader, "call_isolated", lambda _, request, *__, **___: mjcf_process.run(request))
     with pytest.raises(DescriptionError, match=f"(?s){message}"):
         load_robot(text)
 
