@@ -19,6 +19,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "matplotlib": ("matplotlib", "python3-matplotlib", "plots"),
     "lz4": ("lz4", "python3-lz4", "bags"),
     "mcap": ("mcap", None, "bags"),
+    "mujoco": ("mujoco", None, "mjcf"),
     "numpy": ("numpy", "python3-numpy", None),
     "plotly": ("plotly", None, "view"),  # the package of Debian and Ubuntu lacks the script that pages need
     "rosbags": ("rosbags", None, "bags"),
@@ -27,6 +28,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "tqdm": ("tqdm", "python3-tqdm", None),
     "trimesh": ("trimesh", None, "view"),
     "viser": ("viser", None, "view"),
+    "xacro": ("xacro", None, "xacro"),
     "yaml": ("pyyaml", "python3-yaml", None),
     "yourdfpy": ("yourdfpy", None, None),
 }

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 MOVING_BASE_CHOICES: dict[str | None, bool | None] = {"fixed": False, "moving": True, None: None}
 MAX_SNAP_ANGLE = 0.1  # [rad]
-ROBOT_HELP = "path of a URDF, an MDH table or a .par, or the name of a robot that ships with the package"
+ROBOT_HELP = (
+    "path of a URDF, a xacro, an MJCF, an MDH table or a .par, or the name of a robot that ships with the package"
+)
 
 
 def add_robot_arguments(parser: ArgumentParser) -> None:
@@ -30,7 +32,9 @@ def add_robot_arguments(parser: ArgumentParser) -> None:
 def add_description_arguments(parser: ArgumentParser) -> None:
     """Add the options for reading a description."""
     parser.add_argument(
-        "--values", metavar="FILE", help="YAML with `name: value` lines for the open parameters of the description"
+        "--values",
+        metavar="FILE",
+        help="YAML with `name: value` lines for the open parameters of the description or arguments of a xacro",
     )
     parser.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="one such value; it overrides --values"

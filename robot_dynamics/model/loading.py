@@ -13,14 +13,17 @@ from typing import TYPE_CHECKING, TypedDict
 from robot_dynamics.errors import DescriptionError, describe_unknown_name
 from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, UTF16_MARKS, read_file_bytes
 from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
+from robot_dynamics.model.formats.mjcf.document import is_mjcf
+from robot_dynamics.model.formats.mjcf.reader import read_mjcf
 from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.formats.urdf.reader import read_urdf
+from robot_dynamics.model.formats.xacro.expansion import is_xacro, read_xacro
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike
     from robot_dynamics.model.robot import Robot
 
-FORMATS = "a URDF, an MDH table in YAML or a SYMORO+ .par"
+FORMATS = "a URDF, a xacro, an MJCF, an MDH table in YAML or a SYMORO+ .par"
 SUFFIXES = (".urdf", ".yaml", ".par")
 
 logger = logging.getLogger(__name__)
@@ -47,8 +50,9 @@ def load_robot(
     Parameters
     ----------
     description : str, bytes or Path
-        Text of a URDF, of an MDH table in YAML, of a YAML that completes a URDF, or of a SYMORO+ .par; the path of such
-        a file; or the name of a robot that ships with the package (`shipped_robots`).
+        Text of a URDF, of an MJCF, of an MDH table in YAML, of a YAML that completes a URDF, or of a SYMORO+ .par; the
+        path of such a file, or of a xacro; or the name of a robot that ships with the package (`shipped_robots`). The
+        package xacro expands a xacro, and reads the files that it names: load it only from a source that is trusted.
     values : mapping of str to float or str, optional
         Numbers or expressions for names without a value in a .par, or in place of `parameters` of a YAML.
     moving_base : bool, optional
@@ -120,11 +124,12 @@ def read_robot(
     if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
         raise DescriptionError(f"{source}: values are {values!r:.60}: {{name: number or expression}} is needed")
     if is_urdf(text):
+        if isinstance(source, Path) and is_xacro(text, source):
+            return read_xacro(source, values=values, moving_base=moving_base, gravity=gravity)
         if values:
-            raise DescriptionError(
-                f"{source}: values of {', '.join(values)} are given, but a URDF has no names without a value"
-            )
-        return read_urdf(text, **options)
+            names = ", ".join(values)
+            raise DescriptionError(f"{source}: values of {names} are given, but a URDF has no names without a value")
+        return read_mjcf(text, **options) if is_mjcf(text) else read_urdf(text, **options)
     if re.match(r"\s*(\(\*|\w+\s*=)", _beginning(text)):
         return read_par(text, values=values, **options)
     return read_mdh_yaml(text, values=values, **options)

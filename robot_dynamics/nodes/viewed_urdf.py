@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.formats.urdf.writer import write_urdf
+from robot_dynamics.model.formats.xacro.expansion import expand_xacro, is_xacro
 from robot_dynamics.model.loading import is_urdf, read_description, read_robot
 from robot_dynamics.viewing.skeleton import add_skeleton
 
@@ -33,7 +34,7 @@ def viewed_urdf(description: str) -> str:
     text, source = read_description(description)
     robot = read_robot(text, source=source)
     if is_urdf(text) and robot.visuals and not robot.moving_base:
-        return decode_urdf(text, source)
+        return expand_xacro(source) if is_xacro(text, source) else decode_urdf(text, source)
     return write_urdf(replace(add_skeleton(robot), moving_base=False), lossy=True)
 
 

@@ -6,16 +6,22 @@ link of the file system, or a package that is really a whole disk. A file is ref
 
 from __future__ import annotations
 
-import os
-import re
 import stat
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import InvalidInputError
+from robot_dynamics.model.package_folders import (
+    PACKAGE_FILE,
+    PACKAGE_NAME,
+    enclosing_package,
+    package_folders,
+    share_folders,
+    source_package,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from robot_dynamics.model.visual import MeshShape
 
@@ -24,8 +30,6 @@ MAX_MESH_BYTES = 200 * 1024 * 1024
 """Largest file that is read; the largest real ones have 30 MB."""
 
 MAX_NAME_LENGTH = 1000  # characters of the name of a mesh
-PACKAGE_FILE = "package.xml"
-PACKAGE_NAME = re.compile(r"[A-Za-z0-9][\w.-]*", re.ASCII)
 
 
 def resolve_mesh(shape: MeshShape, packages: Mapping[str, Path] | None = None) -> Path:
@@ -87,7 +91,7 @@ def _resolve_in_package(path: str, folder: Path | None, packages: Mapping[str, P
     name, _, inner = path.lstrip("/").partition("/")
     if not PACKAGE_NAME.fullmatch(name):
         raise _RefusedError(f"{name[:60]!r} is not the name of a package")
-    roots = list(_package_folders(name, folder, packages))
+    roots = list(package_folders(name, folder, packages))
     if not roots:
         remedy = f"Give its folder (--package {name}=FOLDER), or source its workspace"
         raise _RefusedError(f"no package {name!r} is known. {remedy}")
@@ -105,8 +109,8 @@ def _resolve_path(path: Path, folder: Path | None, packages: Mapping[str, Path])
     target = path if folder is None else folder / path
     roots = list(packages.values())
     if folder is not None:
-        roots += [folder, *_enclosing_package(folder)[-1:]]
-    for share in _share_folders():
+        roots += [folder, *enclosing_package(folder)[-1:]]
+    for share in share_folders():
         if share in target.parents:
             package = share / target.relative_to(share).parts[0]
             roots += [package] if (package / PACKAGE_FILE).is_file() else []
@@ -124,58 +128,9 @@ def _resolve_inside(path: Path, roots: list[Path], package: str | None) -> Path 
     resolved = path.resolve()
     if any(resolved.is_relative_to(root.resolve()) for root in roots):
         return resolved
-    if package is not None and any(share / package in roots for share in _share_folders()):
-        return resolved if _source_package(resolved) == package else None
+    if package is not None and any(share / package in roots for share in share_folders()):
+        return resolved if source_package(resolved) == package else None
     return None
-
-
-def _package_folders(name: str, folder: Path | None, packages: Mapping[str, Path]) -> Iterator[Path]:
-    """Yield the existing folders of a package: those that the caller gives, installed ones, and around the description.
-
-    folder: absolute folder of the description.
-    """
-    if name in packages:
-        yield Path(packages[name]).absolute()
-        return
-    candidates = [share / name for share in _share_folders()]
-    candidates += [path for path in _path_variable("ROS_PACKAGE_PATH") if path.name == name]
-    if folder is not None:
-        candidates += [path for path in _enclosing_package(folder) if path.name == name]
-        candidates += [path for path in folder.parents if path.name == name and (path / PACKAGE_FILE).is_file()]
-    for path in dict.fromkeys(candidates):
-        if path.is_dir():
-            yield path
-
-
-def _enclosing_package(folder: Path) -> list[Path]:
-    """Return the folders from that of the description up to the next one with package.xml; without one, itself only."""
-    passed = []
-    for path in (folder, *folder.parents):
-        passed.append(path)
-        if (path / PACKAGE_FILE).is_file():
-            return passed
-    return [folder]
-
-
-def _share_folders() -> list[Path]:
-    """Return the folders in which ROS searches packages."""
-    shares = [prefix / "share" for prefix in _path_variable("AMENT_PREFIX_PATH")]
-    return shares + _path_variable("ROS_PACKAGE_PATH")
-
-
-def _path_variable(name: str) -> list[Path]:
-    """Return the absolute folders of an environment variable."""
-    return [Path(entry) for entry in os.environ.get(name, "").split(os.pathsep) if os.path.isabs(entry)]
-
-
-def _source_package(path: Path) -> str | None:
-    """Return the name of the package in whose source a file is, None where it is in none."""
-    root = next((parent for parent in path.parents if (parent / PACKAGE_FILE).is_file()), None)
-    if root is None:
-        return None
-    with (root / PACKAGE_FILE).open("rb") as file:
-        match = re.search(rb"<name>\s*([\w.-]+)\s*</name>", file.read(100_000))
-    return match.group(1).decode() if match else None
 
 
 def _check_file(path: Path | None) -> Path:
