@@ -4,7 +4,7 @@ The description of --robot, with its --drives, must be that of the robot without
 not explain of the measured efforts is fitted by a body on --link, with viscous and Coulomb friction and an offset of
 each joint. --empty names recordings without the load: errors of the model that they show too do not count as load.
 Prints the values with their standard deviations, and writes the parameters payload.* of nodes. --set-node sets them on
-a running node. The exit status is 0, or 3 if the recordings do not determine the mass and the centre of mass.
+a running node. The exit status is 0, or 3 if the recordings do not determine the payload.
 """
 
 from __future__ import annotations
@@ -70,8 +70,8 @@ def add_arguments(parser: ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NODE",
-        help="set the parameters payload.* of a running node, such as /dynamics_server, if the mass and the centre of "
-        "mass are determined; repeat for several nodes; needs ROS",
+        help="set the parameters payload.* of a running node, such as /dynamics_server, if the recordings determine "
+        "it; repeat for several nodes; needs ROS",
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.recording_notes import merge_notes
@@ -81,8 +82,13 @@ def _summary(fit: PayloadFit) -> str:
 def print_payload(link: str, fit: PayloadFit, dynamics: Dynamics, effort_accuracy: float) -> None:
     """Print an identified payload."""
     print(f"payload on {link}: {_summary(fit)}")
+    verdict = "determined" if fit.is_determined else NOT_DETERMINED
+    print(
+        f"verdict: {verdict}; the efforts that the payload needs in other motions are predicted with a standard "
+        f"deviation of {100 * fit.prediction_error:.3g} %"
+    )
     if not fit.is_determined:
-        print("verdict: not determined: record a longer motion, in which gravity acts on the payload from all sides")
+        print("  record a longer motion, in which gravity acts on the payload from all sides")
     for note in merge_notes(fit.notes):
         print(f"note: {note}")
     for warning in fit.warnings:
@@ -120,6 +126,7 @@ def as_dict(link: str, fit: PayloadFit, dynamics: Dynamics) -> dict[str, object]
         "robot": dynamics.robot.name,
         "link": link,
         "determined": fit.is_determined,
+        "prediction_error": fit.prediction_error if math.isfinite(fit.prediction_error) else None,
         "mass": {"value": float(fit.inertia.mass), "deviation": deviations[9], "determined": determined[9]},
         "centre": {"value": fit.centre.tolist(), "deviation": deviations[6:9], "determined": determined[6:9]},
         "central_inertia": {

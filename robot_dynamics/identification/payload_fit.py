@@ -25,6 +25,7 @@ from robot_dynamics.identification.description_prior import (
     DescriptionPrior,
     build_description_prior,
 )
+from robot_dynamics.identification.determination import MAX_WELL_DETERMINED, MOTIONS
 from robot_dynamics.identification.fit_warnings import block_warnings
 from robot_dynamics.identification.fitting import (
     MAX_DEVIATION_OF_SEEN,
@@ -32,6 +33,7 @@ from robot_dynamics.identification.fitting import (
     require_enough_samples,
     solution_variances,
 )
+from robot_dynamics.identification.motion_samples import sample_random_motions
 from robot_dynamics.identification.payload_model import (
     PAYLOAD_COUNT,
     parameter_transformation,
@@ -83,6 +85,9 @@ class PayloadFit:
         [kg].
     determined : (10,) array of bool
         Which of these values the recordings determine: none if the estimated mass is negative.
+    prediction_error : float
+        Standard deviation of the efforts that the payload needs in random motions within the joint limits, relative to
+        these efforts, over all joints; infinite if the estimated mass is negative.
     unconstrained : (10,) array
         LINK_PARAMETERS of the least-squares estimate, which no body may have.
     values : (P,) array
@@ -104,6 +109,7 @@ class PayloadFit:
     central_inertia: Array
     deviations: Array
     determined: BoolArray
+    prediction_error: float
     unconstrained: Array
     values: Array
     blocks: int
@@ -114,8 +120,11 @@ class PayloadFit:
 
     @property
     def is_determined(self) -> bool:
-        """Whether mass and centre of mass are determined."""
-        return bool(self.determined[6:].all())
+        """Whether the mass is determined, and the efforts for the payload in other motions are.
+
+        A robot that cannot turn its payload needs no centre of mass.
+        """
+        return bool(self.determined[-1]) and self.prediction_error <= MAX_WELL_DETERMINED
 
 
 def fit_payload(
@@ -185,12 +194,14 @@ def _fit_samples(samples: Samples[PayloadModel], empty_quality: FitQuality, effo
     to_centre = np.linalg.inv(parameter_transformation(placement(translation=centre)))
     deviations = np.sqrt(np.diagonal(to_centre @ covariance @ to_centre.T))
     determined = (deviations < MAX_DEVIATION_OF_SEEN * _scales(mass)) & (estimate[-1] > 0)
+    prediction_error = _prediction_error(model, values[:PAYLOAD_COUNT], covariance) if estimate[-1] > 0 else np.inf
     return PayloadFit(
         inertia=inertia,
         centre=centre,
         central_inertia=to_inertia(to_centre @ to_parameters(inertia)).second_moments,
         deviations=deviations / np.array([1.0] * 6 + [mass] * 3 + [1.0]),
         determined=determined,
+        prediction_error=prediction_error,
         unconstrained=estimate,
         values=values,
         blocks=len(sums.blocks),
@@ -199,6 +210,14 @@ def _fit_samples(samples: Samples[PayloadModel], empty_quality: FitQuality, effo
         warnings=warnings,
         notes=samples.notes,
     )
+
+
+def _prediction_error(model: PayloadModel, values: Array, covariance: Array) -> float:
+    """Relative standard deviation of the efforts for a payload (10,) in random motions."""
+    motions = sample_random_motions(model.dynamics, MOTIONS)
+    X = model.payload_regressor_at(motions.q, motions.qd, motions.qdd, motions.base)
+    variance = np.einsum("Njp,pq,Njq->", X, covariance, X)
+    return float(np.sqrt(max(variance, 0.0) / max(np.square(X @ values).sum(), 1e-300)))
 
 
 def _consistency_warnings(estimate: Array, values: Array, covariance: Array) -> Iterator[str]:

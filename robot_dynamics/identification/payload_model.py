@@ -25,6 +25,7 @@ from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.identification.identification_model import IdentificationModel
+    from robot_dynamics.inputs import Base
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.recording import Recording
 
@@ -113,6 +114,10 @@ class PayloadModel:
         joints = np.eye(motion.qd.shape[1])
         curves = (motion.qd, np.sign(motion.qd), np.ones_like(motion.qd))
         return np.concatenate([payload, *(curve[..., None] * joints for curve in curves)], axis=-1)
+
+    def payload_regressor_at(self, q: Array, qd: Array, qdd: Array, base: Base | None = None) -> Array:
+        """Compute the columns (N, n, 10) of the payload at positions, velocities and accelerations (N, n)."""
+        return self._payload_columns(self.empty_model.full_regressor(q, qd, qdd, base))
 
     @property
     def _is_empty(self) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from peers.recorded import loaded_panda, panda_model, panda_motion, write_table
+from peers.recorded import Motion, loaded_panda, panda_model, panda_motion, write_table
 
 from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.identification import payload_fit
@@ -142,6 +142,33 @@ def test_friction_that_grows_with_the_load_is_not_counted_as_payload(tmp_path):
     result = fit([loaded], model=model, effort_accuracy=0.0)
     assert result.inertia.mass == pytest.approx(4.0, rel=0.005)
     assert result.quality.rms_unfiltered.max() < 0.4
+
+
+def test_a_palletizer_does_not_need_the_height_of_the_centre(tmp_path):
+    """A robot with closed loops, whose flange stays horizontal."""
+    dynamics = Dynamics(load_robot("irb460"))
+    names = dynamics.joint_names
+    times = np.arange(0, 12, 0.02)
+    rng = np.random.default_rng(0)
+    q, qd, qdd = np.zeros((3, len(times), len(names)))
+    for frequency in 2 * np.pi * np.array([0.15, 0.3, 0.6]):
+        amplitude, phase = rng.uniform(0.03, 0.1, len(names)), rng.uniform(0, 6, len(names))
+        angles = frequency * times[:, None] + phase
+        q += amplitude * np.sin(angles)
+        qd += amplitude * frequency * np.cos(angles)
+        qdd -= amplitude * frequency**2 * np.sin(angles)
+    q += [dynamics.robot.joints[dynamics.robot.joint_numbers[name]].initial_position for name in names]
+    payload = Inertia.about_centre_of_mass(2.0, 0.004 * np.eye(3), [0.05, 0.02, 0.03])
+    efforts = Dynamics(dynamics.robot.with_payload("flange", payload)).inverse(q, qd, qdd)
+    efforts = efforts + rng.normal(scale=0.001 * np.abs(efforts).max(), size=q.shape)
+    run = Motion(times, q, qd, qdd, efforts)
+    drives = direct_drives(names)
+    loaded = open_recording(write_table(tmp_path / "run.csv", run, names), drives)
+    model = PayloadModel(robot_model := build_identification_model(dynamics, drives), "flange", robot_model)
+    result = fit_payload(lambda each: Samples([loaded], each), model)
+    assert abs(result.inertia.mass - 2.0) < 2 * result.deviations[9] < 0.3
+    assert result.determined[6:].tolist() == [True, True, False, True]
+    assert result.is_determined and result.prediction_error < 0.1
 
 
 def test_the_scale_of_efforts_is_a_part_of_the_deviation_of_the_mass(tmp_path):
