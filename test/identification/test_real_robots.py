@@ -127,7 +127,6 @@ def test_a_simulated_payload_in_the_recording_of_the_ur10_is_found(ur10):
         for run in (loaded, recording)
     ]
     found, nothing = results
-    print(found.inertia.mass, found.deviations, found.centre, nothing.inertia.mass, nothing.deviations)
     assert found.is_determined and not nothing.is_determined
     assert found.inertia.mass == pytest.approx(3.0, rel=0.05)
     assert abs(found.inertia.mass - 3.0) < 2 * found.deviations[9]
