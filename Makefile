@@ -119,6 +119,7 @@ soak: venv  ## what takes long: conversions of many trees, every state of parall
 	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
+	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_payload_fit.py -k errors_agree
 	INTERRUPTION_ROUNDS=100 .venv/bin/python -m pytest -s test/nodes/test_streaming_interruptions.py
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_control_loop.py
 	CLIENT_SECONDS=600 .venv/bin/python -m pytest -s --timeout 1500 test/nodes/test_many_clients.py

@@ -21,6 +21,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
             frequencies,
             generate,
             identify,
+            identify_payload,
             map,
             replay_check,
             robots,
@@ -30,7 +31,8 @@ def verb_modules() -> tuple[ModuleType, ...]:
         )
     except ModuleNotFoundError as error:
         raise missing_package_error(error, "robot-dynamics") from error
-    return show, view, convert, generate, count, map, frequencies, replay_check, identify, excite, robots, schema
+    recordings = (replay_check, identify, identify_payload, excite)
+    return show, view, convert, generate, count, map, frequencies, *recordings, robots, schema
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

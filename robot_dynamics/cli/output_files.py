@@ -13,7 +13,9 @@ from robot_dynamics.file_output import replaced_file
 from robot_dynamics.model.loading import shipped_robots
 
 # Arguments of all verbs that name input and output files.
-INPUT_ARGUMENTS = ("recordings", "validate", "robot", "values", "drives", "tolerances", "golden", "baseline", "motion")
+INPUT_ARGUMENTS = (
+    *("recordings", "validate", "empty", "robot", "values", "drives", "tolerances", "golden", "baseline", "motion"),
+)
 OUTPUT_ARGUMENTS = ("target", "output", "output_drives", "json", "junit", "report", "csv", "write_golden")
 RECORDING_SUFFIXES = (".mcap", ".db3", ".csv", ".yaml")  # endings of the files in the folder of a recording
 YAML_ENDINGS = (".yaml", ".yml")

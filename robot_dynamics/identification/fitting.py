@@ -170,7 +170,7 @@ def fit_parameters(
         factors=factors,
         white_share=solved.white_share,
         noise_inflation=inflation,
-        weights=1 / _variances(factors, solution),
+        weights=1 / solution_variances(factors, solution),
         held_out_rms=np.sqrt(held_out / np.maximum(factors.samples, 1)),
         training_quality=samples.quality(solution.values),
         validation_quality=None if validation is None else validation.quality(solution.values),
@@ -213,7 +213,7 @@ def solve_parameters(samples: Samples[JointEffortModel], *, method: FitMethod = 
     weights = weights if method != "ordinary" else np.full_like(weights, weights.mean())
     solution = solve_seen_directions(factors, prior, weights, 0.0)
     for _ in range(REWEIGHTING_ITERATIONS):
-        variance = _variances(factors, solution)
+        variance = solution_variances(factors, solution)
         if method == "robust":
             sums = samples.accumulate_factors(solution.values, np.sqrt(variance))
             factors, white_share = require_enough_samples(sums)
@@ -283,7 +283,7 @@ def select_essential_parameters(fit: Fit) -> BoolArray:
     return selected
 
 
-def _variances(factors: TriangularFactors, solution: SeenSolution) -> Array:
+def solution_variances(factors: TriangularFactors, solution: SeenSolution) -> Array:
     """Variances (n,) of the residuals of a solution."""
     squares = factors.residual_sum_of_squares(solution.values)
     P = solution.directions.shape[1]

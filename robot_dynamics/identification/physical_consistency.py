@@ -202,26 +202,62 @@ def _non_negative_friction(names: Sequence[str]) -> Iterator[list[tuple[int, flo
 
 def _link_constraints(model: IdentificationModel, scale: Array) -> Iterator[_ConeConstraint]:
     """Keep the pseudo-inertia of each moving link positive definite."""
-    clarabel = import_convex_solver()
     robot = model.dynamics.robot
     names = list(model.base_parameters.names)
+    for link in robot.links[0 if robot.moving_base else 1 :]:
+        yield _pseudo_inertia_constraint(names.index(f"XX.{link.name}"), scale)
+
+
+def _pseudo_inertia_constraint(first: int, scale: Array) -> _ConeConstraint:
+    """Keep the pseudo-inertia of a body positive definite.
+
+    first: column of the first of its LINK_PARAMETERS; scale: of all columns.
+    """
+    clarabel = import_convex_solver()
     units = (CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, 1.0)  # of rows and columns
     triangle = [(row, column) for column in range(4) for row in range(column + 1)]
-    for link in robot.links[0 if robot.moving_base else 1 :]:
-        first = names.index(f"XX.{link.name}")
-        mass = scale[first + 9]
-        columns = dict(zip(LINK_PARAMETERS, range(first, first + 10), strict=True))
-        rows: list[Array] = []
-        bounds: list[float] = []
-        for number, ((row, column), entries) in enumerate(zip(triangle, PSEUDO_INERTIA_ENTRIES, strict=True)):
-            constraint = np.zeros(len(scale))
-            unit = mass * units[row] * units[column]
-            for key, factor in entries.items():
-                constraint[columns[key]] = -factor * scale[columns[key]] / unit
-            is_diagonal = number in DIAGONAL_ENTRIES
-            rows.append(constraint if is_diagonal else constraint * np.sqrt(2))
-            bounds.append(-MIN_EIGENVALUE if is_diagonal else 0.0)
-        yield _ConeConstraint(clarabel.PSDTriangleConeT(4), rows, bounds)
+    mass = scale[first + 9]
+    columns = dict(zip(LINK_PARAMETERS, range(first, first + 10), strict=True))
+    rows: list[Array] = []
+    bounds: list[float] = []
+    for number, ((row, column), entries) in enumerate(zip(triangle, PSEUDO_INERTIA_ENTRIES, strict=True)):
+        constraint = np.zeros(len(scale))
+        unit = mass * units[row] * units[column]
+        for key, factor in entries.items():
+            constraint[columns[key]] = -factor * scale[columns[key]] / unit
+        is_diagonal = number in DIAGONAL_ENTRIES
+        rows.append(constraint if is_diagonal else constraint * np.sqrt(2))
+        bounds.append(-MIN_EIGENVALUE if is_diagonal else 0.0)
+    return _ConeConstraint(clarabel.PSDTriangleConeT(4), rows, bounds)
+
+
+def nearest_consistent_parameters(values: Array, covariance: Array, scale: Array) -> Array:
+    """Find the physically consistent parameters of one body that are nearest to estimated ones.
+
+    Parameters
+    ----------
+    values : (10,) array
+        Estimated LINK_PARAMETERS.
+    covariance : (10, 10) array
+        Covariance of their errors, in which distances are measured.
+    scale : (10,) array
+        Scales of the parameters, of which the last one is a mass [kg].
+
+    Returns
+    -------
+    (10,) array
+        LINK_PARAMETERS of a body.
+
+    Raises
+    ------
+    SingularModelError
+        If the solver does not converge.
+    MissingPackageError
+        If clarabel is not installed.
+    """
+    precision = np.asarray(np.linalg.pinv(covariance / scale / scale[:, None], hermitian=True), dtype=float)
+    x: Array = _minimize(precision, -precision @ (values / scale), [_pseudo_inertia_constraint(0, scale)]) * scale
+    return x
 
 
 def _has_rotor_columns(model: IdentificationModel) -> bool:

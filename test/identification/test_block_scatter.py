@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.identification.alternatives import try_alternatives
-from robot_dynamics.identification.block_scatter import block_covariance, held_out_squares
+from robot_dynamics.identification.block_scatter import block_covariance, held_out_squares, joint_covariance
 from robot_dynamics.identification.determination import judge_determination
 from robot_dynamics.identification.fitting import fit_parameters
 from robot_dynamics.identification.identification_model import build_identification_model
@@ -187,3 +187,33 @@ def test_a_negative_rotor_inertia_is_warned_of_and_its_removal_is_tried():
     (alternative,) = try_alternatives(right)
     assert alternative.held_out_rms == pytest.approx(reference.held_out_rms, rel=0.02)
     assert alternative.change < 0.01
+
+
+def joint_scatter(X, y):
+    """Covariance between joints of a fit to columns X (N, n, P) and efforts y (N, n), in orthonormal directions."""
+    P = X.shape[-1]
+    Q, R = np.linalg.qr(X.reshape(-1, P))
+    directions = np.linalg.inv(R)
+    values = directions @ (Q.T @ y.ravel())
+    return joint_covariance(TriangularFactors.from_samples(X, y), np.ones(X.shape[1]), directions, values)
+
+
+def test_scatter_between_joints_is_unbiased_for_white_noise():
+    """Also in a direction that one joint determines nearly alone; the covariance of the directions is 1."""
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(30, 5, 4))
+    X[:, 1:, 3] *= 0.05
+    mean = np.mean([joint_scatter(X, rng.normal(size=(30, 5))) for _ in range(1500)], axis=0)
+    assert mean == pytest.approx(np.eye(4), abs=0.15)
+
+
+def test_scatter_between_joints_shows_a_wrong_gain():
+    """Efforts of one joint are 5 % too small: an error of the parameters that its seconds do not show."""
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(200, 5, 2))
+    y = X @ np.array([3.0, -2.0])
+    y[:, 2] *= 0.95
+    R = np.linalg.qr(X.reshape(-1, 2), mode="r")
+    error = R @ (np.linalg.lstsq(X.reshape(-1, 2), y.ravel(), rcond=None)[0] - [3.0, -2.0])
+    deviation = np.sqrt(np.trace(joint_scatter(X, y)))
+    assert 0.5 * np.linalg.norm(error) < deviation < 2 * np.linalg.norm(error)

@@ -4,15 +4,19 @@
 The expected residuals [N m] are those of an independent analysis of the same recordings with Pinocchio at the same
 cut-offs; the expected frictions of the TX40 are published. Base parameters are counted as in the literature."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from peers.recorded import REAL_DATA
 
-from robot_dynamics import Dynamics, load_robot
+from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.checking.check import check
 from robot_dynamics.checking.tolerances import load_tolerances
 from robot_dynamics.identification.fitting import fit_parameters
 from robot_dynamics.identification.identification_model import build_identification_model
+from robot_dynamics.identification.payload_fit import fit_payload
+from robot_dynamics.identification.payload_model import PayloadModel
 from robot_dynamics.identification.physical_consistency import fit_consistent_robot
 from robot_dynamics.identification.samples import Samples
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
@@ -87,6 +91,47 @@ def test_fitted_ur10_passes_the_default_tolerances(ur10, tmp_path):
     assert failed <= {"wrist_3_joint"}  # at rest for an eighth of the recording, where it holds any effort
     rms = np.array([verdict.joint.rms for verdict in checked.verdicts])
     assert (rms < FACTOR * np.array([3.34, 2.92, 2.07, 0.57, 0.48, 1.80])).all()
+
+
+class LoadedRecording:
+    """A real recording, to whose efforts those that a payload needs are added by computation."""
+
+    def __init__(self, recording, dynamics, link, payload):
+        self.recording, self.dynamics = recording, dynamics
+        self.loaded = Dynamics(dynamics.robot.with_payload(link, payload))
+
+    def __getattr__(self, name):
+        return getattr(self.recording, name)
+
+    def motions(self, statistics, *, cutoff=None):
+        for motion in self.recording.motions(statistics, cutoff=cutoff):
+            state = (motion.q, motion.qd, motion.qdd)
+            added = self.loaded.inverse(*state) - self.dynamics.inverse(*state)
+            yield replace(motion, unfiltered_efforts=motion.unfiltered_efforts + added)
+
+
+def test_a_simulated_payload_in_the_recording_of_the_ur10_is_found(ur10):
+    """Noise and errors of the model are real. The model is fitted to the first 16 s, the payload to the other 11 s."""
+    pytest.importorskip("clarabel", reason="clarabel, which computes physically consistent inertias, is not installed")
+    consistent = fit_consistent_robot(ur10.fit(held_out=0.4))
+    dynamics = Dynamics(consistent.robot)
+    model = build_identification_model(dynamics, consistent.drives)
+    payload = Inertia.about_centre_of_mass(3.0, 0.006 * np.eye(3), [0.02, -0.05, 0.08])
+    recording = replace(ur10.recording, drives=consistent.drives)
+    loaded = LoadedRecording(recording, dynamics, "tool0", payload)
+    results = [
+        fit_payload(
+            lambda each, run=run: Samples([run], each, cutoff=8.0, start_fraction=0.6),
+            PayloadModel(model, "tool0", model),
+        )
+        for run in (loaded, recording)
+    ]
+    found, nothing = results
+    assert found.is_determined and not nothing.is_determined
+    assert found.inertia.mass == pytest.approx(3.0, rel=0.05)
+    assert abs(found.inertia.mass - 3.0) < 2 * found.deviations[9]
+    assert (np.abs(found.centre - [0.02, -0.05, 0.08]) < 3 * found.deviations[6:9]).all()
+    assert nothing.inertia.mass < 0.15
 
 
 @pytest.mark.slow

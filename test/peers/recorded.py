@@ -115,6 +115,15 @@ def messages(motion, names=JOINTS):
     ]
 
 
+def write_table(path, motion, joints=JOINTS):
+    """Write a motion as a CSV file, and return its path."""
+    signals = np.stack([motion.q, motion.qd, motion.efforts], axis=-1).reshape(len(motion.q), -1)
+    names = [f"{joint}.{signal}" for joint in joints for signal in ("position", "velocity", "effort")]
+    table = np.column_stack([motion.times, signals])
+    np.savetxt(path, table, delimiter=",", header=",".join(["time", *names]), comments="")
+    return path
+
+
 def store():
     """Return the message types of `rosbags`; skip the test where it is not installed."""
     typesys = pytest.importorskip("rosbags.typesys", reason="rosbags, which writes bags, is not installed")
