@@ -151,9 +151,16 @@ class Configuration:
         return np.asarray(coordinates_from_pose(pose))
 
     def joint_range(self, index: int, extent: float) -> Range:
-        """Return the range of a joint: its limits; without limits half a turn each way, or half the robot's extent."""
+        """Return the range of a joint: its limits; without limits half a turn each way, or half the robot's extent.
+
+        A coordinate of a platform without limits gets a third of the extent, or a sixth of a turn, each way.
+        """
         joint = self.robot.joints[index]
-        half = extent / 2 if joint.prismatic else np.pi
+        is_coordinate = any(index in platform.joints for platform in self.robot.platforms)
+        if is_coordinate:
+            half = extent / 3 if joint.prismatic else np.pi / 3
+        else:
+            half = extent / 2 if joint.prismatic else np.pi
         lower, upper = joint.limits.lower, joint.limits.upper
         lower = lower if np.isfinite(lower) else min(self.q[index], upper) - half
         upper = upper if np.isfinite(upper) else max(self.q[index], lower) + half

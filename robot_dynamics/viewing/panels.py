@@ -9,7 +9,6 @@ import numpy as np
 
 from robot_dynamics.model.platform import COORDINATES
 from robot_dynamics.viewing.markdown import escape_markdown, markdown_table
-from robot_dynamics.viewing.value_range import Range
 
 if TYPE_CHECKING:
     from viser import GuiApi
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.viewing.overlays import Overlay
     from robot_dynamics.viewing.robot_view import RobotView
+    from robot_dynamics.viewing.value_range import Range
 
 STEPS = 1000
 """Steps of a slider."""
@@ -67,12 +67,11 @@ class PlatformPanel:
         self._free = [COORDINATES.index(coordinate) for coordinate in free]
         self.sliders: list[Any] = []
         start = view.configuration.platform_coordinates(link)
+        joints = view.robot.platforms[view.robot.platform_links.index(link)].joints
         with gui.add_folder("Platform" if len(view.robot.platforms) == 1 else f"Platform {link}"):
             for column in self._free:
-                is_length = column < 3
-                half = view.extent / 3 if is_length else np.pi / 3
-                limits = Range(float(start[column] - half), float(start[column] + half))
-                label = f"{COORDINATES[column]} [{'m' if is_length else 'rad'}]"
+                limits = view.configuration.joint_range(joints[column], view.extent)
+                label = f"{COORDINATES[column]} [{'m' if column < 3 else 'rad'}]"
                 slider = add_slider(gui, label, limits, float(start[column]))
                 slider.on_update(lambda event: self._move(event))
                 self.sliders.append(slider)

@@ -131,3 +131,10 @@ def test_payload_is_held_by_the_derivative_of_its_potential_energy(name):
     assert change == pytest.approx(-configuration.robot.gravity[2] * mass * np.array(rates), abs=1e-6)
     configuration.carry(frame.name, Inertia())
     assert configuration.holding_efforts() == pytest.approx(without, abs=1e-12)
+
+
+def test_ranges_of_a_platform_are_its_limits_or_parts_of_the_robot():
+    delta, start = Configuration(load_robot("delta")), Configuration(load_robot("delta")).q
+    x, _, z, yaw, *_ = delta.robot.platforms[0].joints
+    assert delta.joint_range(x, 2.0) == Range(-0.4, 0.4) and delta.joint_range(z, 2.0) == Range(-1.15, -0.85)
+    assert delta.joint_range(yaw, 2.0) == Range(start[yaw] - np.pi / 3, start[yaw] + np.pi / 3)
