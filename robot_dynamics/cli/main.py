@@ -22,6 +22,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
             generate,
             identify,
             map,
+            motion_report,
             replay_check,
             robots,
             schema,
@@ -30,7 +31,8 @@ def verb_modules() -> tuple[ModuleType, ...]:
         )
     except ModuleNotFoundError as error:
         raise missing_package_error(error, "robot-dynamics") from error
-    return show, view, convert, generate, count, map, frequencies, replay_check, identify, excite, robots, schema
+    first = show, view, convert, generate, count, map, frequencies
+    return *first, replay_check, identify, excite, motion_report, robots, schema
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
