@@ -31,7 +31,7 @@ nitpicky = True
 nitpick_ignore = [
     # types of other packages: a build without a network cannot link to their documentation
     *(("py:class", name) for name in ("Path", "pathlib.Path", "rclpy.context.Context")),
-    *(("py:class", f"collections.abc.{name}") for name in ("Callable", "Iterable", "Sequence")),
+    *(("py:class", f"collections.abc.{name}") for name in ("Callable", "Iterable", "Mapping", "Sequence")),
     ("py:class", "concurrent.futures._base.Executor"),
     ("py:class", "rcl_interfaces.msg._set_parameters_result.SetParametersResult"),
     # types that a user neither makes nor takes apart

@@ -23,6 +23,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
             identify,
             identify_payload,
             map,
+            motion_report,
             replay_check,
             robots,
             schema,
@@ -31,7 +32,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
         )
     except ModuleNotFoundError as error:
         raise missing_package_error(error, "robot-dynamics") from error
-    recordings = (replay_check, identify, identify_payload, excite)
+    recordings = (replay_check, identify, identify_payload, excite, motion_report)
     return show, view, convert, generate, count, map, frequencies, *recordings, robots, schema
 
 

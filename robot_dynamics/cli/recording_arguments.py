@@ -32,6 +32,11 @@ def add_recording_arguments(parser: ArgumentParser, recordings: tuple[str, str |
     )
     parser.add_argument("--robot", required=True, help=ROBOT_HELP)
     add_description_arguments(parser)
+    add_signal_arguments(parser)
+
+
+def add_signal_arguments(parser: ArgumentParser) -> None:
+    """Add the options that say how signals of recordings are read."""
     parser.add_argument(
         "--drives",
         metavar="FILE",

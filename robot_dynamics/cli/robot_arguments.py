@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import sys
 from argparse import ArgumentParser, Namespace
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.mdh_yaml.document import YamlDocument
 from robot_dynamics.model.loading import has_urdf, read_description, read_robot
+from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
 from robot_dynamics.model.minimal_frames import minimal_frames, snap_angles
-from robot_dynamics.model.robot_warnings import find_missing_inertials
+from robot_dynamics.model.robot_warnings import find_lock_warnings, find_missing_inertials
 
 if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
@@ -51,12 +53,24 @@ def add_description_arguments(parser: ArgumentParser) -> None:
         choices=("minimal", "given"),
         help="frames with the fewest parameters (default for a URDF) or those of the description (default for a table)",
     )
+    parser.add_argument(
+        "--lock",
+        metavar="JOINT=POSITION",
+        action="append",
+        default=[],
+        help="lock a joint at a position [rad or m]: the robot is then one without it; repeat for several",
+    )
+    parser.add_argument(
+        "--lock-massless",
+        action="store_true",
+        help="lock the joints outside loops that move nothing with inertia, such as a finger without mass",
+    )
 
 
 def load_robot_argument(arguments: Namespace) -> Robot:
     """Load the robot as `read_robot_argument` does, and print what its description lacks or what is ignored of it."""
     robot = read_robot_argument(arguments)
-    for warning in (*robot.reader_warnings, *find_missing_inertials(robot)):
+    for warning in (*robot.reader_warnings, *find_missing_inertials(robot), *find_lock_warnings(robot)):
         print(f"WARNING: {arguments.robot}: {warning}", file=sys.stderr)
     return robot
 
@@ -66,12 +80,32 @@ def read_robot_argument(arguments: Namespace) -> Robot:
     text, source = read_description(arguments.robot)
     moving_base = MOVING_BASE_CHOICES[arguments.base]
     robot = read_robot(text, source=source, values=_parameter_values(arguments), moving_base=moving_base)
+    robot = lock_joints(robot, _locked_positions(arguments.lock))
+    if arguments.lock_massless:
+        robot = lock_massless_joints(robot)
     if arguments.snap is not None:
         if not 0 < arguments.snap < MAX_SNAP_ANGLE:
             raise DescriptionError(f"--snap {arguments.snap:g}: an angle between 0 and {MAX_SNAP_ANGLE} rad is needed")
         robot = snap_angles(robot, arguments.snap)
     frames = arguments.frames or ("minimal" if has_urdf(text) else "given")
     return minimal_frames(robot) if frames == "minimal" else robot
+
+
+def _locked_positions(settings: Iterable[str]) -> dict[str, float]:
+    """Return the positions of the joints of --lock, by name. Raises DescriptionError."""
+    positions: dict[str, float] = {}
+    for setting in settings:
+        name, _, text = setting.rpartition("=")
+        try:
+            position = float(text)
+        except ValueError:
+            position = None
+        if not name.strip() or position is None:
+            raise DescriptionError(f"--lock {setting}: JOINT=POSITION is needed, such as finger_joint=0.02")
+        if name.strip() in positions:
+            raise DescriptionError(f"--lock {setting}: joint {name.strip()!r} is locked twice")
+        positions[name.strip()] = position
+    return positions
 
 
 def _parameter_values(arguments: Namespace) -> dict[str, int | float | str]:

@@ -43,6 +43,7 @@ def run(arguments: Namespace) -> None:
     gravity = " ".join(map(format_cell, robot.gravity.tolist()))
     print(f"robot {robot.name!r}: {len(robot.joints)} joints, base {robot.base_link!r} {base}, gravity {gravity} m/s²")
     print_platforms(robot)
+    print_locked_joints(robot)
     print_mdh_table(robot)
     print_joints(robot)
     print_loops(robot)
@@ -60,6 +61,12 @@ def print_platforms(robot: Robot) -> None:
         coordinates = ", ".join(robot.joints[index].name for index in platform.joints)
         base = "" if platform.base is None else f" base {platform.base!r};"
         print(f"platform {name!r}:{base} coordinates {coordinates}; its legs leave {', '.join(platform.free)} free")
+
+
+def print_locked_joints(robot: Robot) -> None:
+    """Print one line with the locked joints, if there are any."""
+    if robot.locked_joints:
+        print(f"locked: {', '.join(f'{joint.name} at {joint.position:g}' for joint in robot.locked_joints)}")
 
 
 def print_mdh_table(robot: Robot) -> None:

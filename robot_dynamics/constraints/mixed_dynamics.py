@@ -301,5 +301,6 @@ def _refuse_singular(pivot: Array, scale: Array, name: str) -> None:
     if not np.all(pivot > MIN_INERTIA_RATIO * np.abs(scale)):
         raise SingularModelError(
             f"nothing with inertia resists {name} (inertia {np.min(pivot):.3g}). "
-            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia"
+            "Give the links that it moves a mass and an inertia, or the joint a rotor inertia; or lock the joint "
+            "(options locked and lock_massless)"
         )

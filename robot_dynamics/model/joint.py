@@ -50,6 +50,37 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class LockedJoint:
+    """A joint that a robot does not have any more, because it is locked.
+
+    Attributes
+    ----------
+    name : str
+        Name of the joint.
+    position : float
+        Position at which it is locked [rad or m].
+    limits : Limits
+        Limits of the joint.
+    is_massless : bool
+        Whether it was locked because it moves nothing with inertia.
+    """
+
+    name: str
+    position: float
+    limits: Limits
+    is_massless: bool = False
+
+    def find_objection(self) -> str | None:
+        """Return a sentence about a position outside the limits, or about a missing inertia; None: there is none."""
+        if self.is_massless:
+            return f"joint {self.name!r} moves nothing with inertia: it is locked at {self.position:g}"
+        if not self.limits.lower <= self.position <= self.limits.upper:
+            limits = f"{self.limits.lower:g} to {self.limits.upper:g}"
+            return f"joint {self.name!r} is locked at {self.position:g}, outside its limits {limits}"
+        return None
+
+
+@dataclass(frozen=True)
 class Mimic:
     """Relation of a mimic joint: position = multiplier · (position of the joint named `joint`) + offset."""
 

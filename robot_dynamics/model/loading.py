@@ -18,6 +18,7 @@ from robot_dynamics.model.formats.mjcf.reader import read_mjcf
 from robot_dynamics.model.formats.par.reader import read_par
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.formats.xacro.expansion import is_xacro, read_xacro
+from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike
@@ -43,6 +44,8 @@ def load_robot(
     values: Mapping[str, float | str] | None = None,
     moving_base: bool | None = None,
     gravity: ArrayLike | None = None,
+    locked: Mapping[str, float] | None = None,
+    lock_massless: bool = False,
     strict: bool = False,
 ) -> Robot:
     """Load a robot.
@@ -59,6 +62,12 @@ def load_robot(
         Whether the base can move freely. Default: from the description, else False.
     gravity : (3,) array_like, optional
         Acceleration of gravity in the world frame [m/s²]. Default: from the description, else the Earth's, along -z.
+    locked : mapping of str to float, optional
+        Positions [rad or m] at which joints are locked, by name, as for `Robot.with_locked_joints`. Default: none.
+    lock_massless : bool
+        Lock joints outside loops that move nothing with inertia, such as a finger without mass, with a warning: the
+        direct model has no solution for them. Each is locked at its initial position, or at the nearest one within
+        its limits; the inertias do not depend on it. Default: False.
     strict : bool
         Raise an error for all that `Robot.warnings` names, such as inertias that no physical body has, instead of
         logging warnings.
@@ -71,7 +80,9 @@ def load_robot(
     Raises
     ------
     DescriptionError
-        If the description cannot be read or describes an impossible robot.
+        If the description cannot be read or describes an impossible robot, or a joint cannot be locked.
+    InvalidInputError
+        If `locked` names an unknown joint or has a position that is not a finite number.
     MissingPackageError
         If a package that reads the format is not installed.
 
@@ -88,6 +99,8 @@ def load_robot(
     else:
         text, source = read_description(description)
     robot = read_robot(text, source=source, values=values, moving_base=moving_base, gravity=gravity)
+    robot = lock_joints(robot, {} if locked is None else locked)
+    robot = lock_massless_joints(robot) if lock_massless else robot
     if strict:
         robot.raise_on_warnings()
     for warning in robot.warnings:

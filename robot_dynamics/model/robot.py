@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -20,6 +20,7 @@ from robot_dynamics.model.beam import RigidBody
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import check_joint, check_placement
 from robot_dynamics.model.joint_friction import has_value
+from robot_dynamics.model.locked_joints import lock_joints
 from robot_dynamics.model.loop import check_loop
 from robot_dynamics.model.payload import find_payload_warnings
 from robot_dynamics.model.platform import check_platform
@@ -30,7 +31,7 @@ from robot_dynamics.notebook_display import notebook_html
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
     from robot_dynamics.model.beam import Flexibility
-    from robot_dynamics.model.joint import Joint
+    from robot_dynamics.model.joint import Joint, LockedJoint
     from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.platform import Platform
     from robot_dynamics.model.visual import Visual
@@ -130,6 +131,9 @@ class Robot:
         Sentences about payloads that no physical body is. Default: none.
     visuals : tuple of Visual
         Shapes that a viewer draws. No model and no fingerprint of a program depends on them. Default: none.
+    locked_joints : tuple of LockedJoint
+        Joints of the description that are locked and therefore not among `joints`. No model depends on them.
+        Default: none.
 
     Raises
     ------
@@ -154,6 +158,7 @@ class Robot:
     reader_warnings: tuple[str, ...] = ()
     payload_warnings: tuple[str, ...] = ()
     visuals: tuple[Visual, ...] = field(default=(), metadata={"in_fingerprint": False})
+    locked_joints: tuple[LockedJoint, ...] = field(default=(), metadata={"in_fingerprint": False})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "gravity", to_gravity_vector(self.gravity))
@@ -352,6 +357,37 @@ class Robot:
         robot = attach_payload(self, name, inertia)
         for warning in robot.payload_warnings[len(self.payload_warnings) :]:
             logger.warning("robot %r: %s", self.name, warning)
+        return robot
+
+    def with_locked_joints(self, positions: Mapping[str, float]) -> Robot:
+        """Return the same robot with locked joints: a model of fewer joints, with the same dynamics at rest there.
+
+        Parameters
+        ----------
+        positions : mapping of str to float
+            Positions [rad or m] of the joints to lock, by name. Joints that mimic one of them are locked with it.
+
+        Returns
+        -------
+        Robot
+            The robot without these joints. Each link that they move is lumped into the link of its antecedent, and
+            its frames keep their names. Rotor inertia, friction, springs and motors of locked joints have no effect
+            any more. A loop or platform all of whose joints are locked is left out. A position outside the limits is
+            one of its `warnings`, which is logged.
+
+        Raises
+        ------
+        InvalidInputError
+            If a joint is unknown or locked already, a position is not a finite number, or a mimic joint is locked
+            without the joint that it follows.
+        DescriptionError
+            If a locked joint is passive in a loop or a coordinate of a platform, a loop of locked joints does not
+            close, or a flexible link would become part of a rigid one.
+        """
+        robot = lock_joints(self, positions)
+        for joint in robot.locked_joints[len(self.locked_joints) :]:
+            if objection := joint.find_objection():
+                logger.warning("robot %r: %s", self.name, objection)
         return robot
 
 

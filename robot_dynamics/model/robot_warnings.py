@@ -31,6 +31,7 @@ def find_warnings(robot: Robot) -> tuple[str, ...]:
     for joint in robot.joints:
         warnings += find_suspicious_limits(joint)
     warnings += find_missing_inertials(robot)
+    warnings += find_lock_warnings(robot)
     warnings += find_singular_joints(robot)
     joints_in_loops = [robot.joints_in_loop(loop) for loop in robot.loops] if robot.platforms else []
     for platform in robot.platforms:
@@ -94,15 +95,27 @@ def find_singular_joints(robot: Robot) -> list[str]:
     """Return sentences about independent joints outside loops that move no inertia, one if this is true of all."""
     if robot.is_massless:
         return [MASSLESS_WARNING]
+    return [
+        f"link {robot.links[number + 1].name!r}: joint {robot.joints[number].name!r} moves nothing with inertia, so "
+        "the direct model has no solution: complete the description, or lock the joint (option lock_massless)"
+        for number in find_joints_without_inertia(robot)
+    ]
+
+
+def find_joints_without_inertia(robot: Robot) -> list[int]:
+    """Return the numbers of the joints outside loops that mimic no other one and move no inertia."""
     moves_inertia = _joints_with_inertia(robot)
-    warnings = []
-    for number, (leader, _, _) in enumerate(robot.mimic_relations):
-        if leader == number and not (moves_inertia[number] or number in robot.joints_in_loops):
-            warnings.append(
-                f"link {robot.links[number + 1].name!r}: joint {robot.joints[number].name!r} moves nothing with "
-                "inertia, so the direct model has no solution"
-            )
-    return warnings
+    return [
+        number
+        for number, (leader, _, _) in enumerate(robot.mimic_relations)
+        if leader == number and not (moves_inertia[number] or number in robot.joints_in_loops)
+    ]
+
+
+def find_lock_warnings(robot: Robot) -> list[str]:
+    """Return sentences about joints that are locked outside their limits, or because they move no inertia."""
+    objections = (joint.find_objection() for joint in robot.locked_joints)
+    return [objection for objection in objections if objection is not None]
 
 
 def _joints_with_inertia(robot: Robot) -> list[bool]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot, shipped_robots
+from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
 from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
@@ -76,6 +78,26 @@ PARAMETERS = by_name(
         "x, y, z in the world [m/s^2]; empty: as in the description, else the Earth's",
         list_kind="numbers",
         size=3,
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "locked_joints",
+        "",
+        "joints that are locked: the robot is then one without them. Joints that mimic them are locked too",
+        list_kind="names",
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "locked_positions",
+        "",
+        "position of each of locked_joints [rad or m]; empty: all zero",
+        list_kind="numbers",
+        read_at="configuration",
+    ),
+    ParameterSpec(
+        "lock_massless",
+        False,
+        "lock the joints outside loops that move nothing with inertia, such as a finger without mass",
         read_at="configuration",
     ),
     ParameterSpec(
@@ -244,7 +266,7 @@ class RobotSource:
         else:
             robot = read_robot(key.text, source=key.source, moving_base=key.moving_base, gravity=key.gravity)
             self._last_read = key, robot
-        loaded = with_payload(robot, settings)
+        loaded = with_payload(with_locked_joints(robot, settings), settings)
         _ = loaded.warnings  # computed here, in the worker; strict and the log need them
         if settings["strict"]:
             loaded.raise_on_warnings()
@@ -411,6 +433,25 @@ def _check_folder(name: str, folders: Sequence[str]) -> None:
             f"folders of robot_path ({', '.join(folders) or 'empty'}) or of the share folders of ROS packages. Restart "
             "the node with this file, set robot_path at its start, or publish the description on robot_description"
         )
+
+
+def with_locked_joints(robot: Robot, settings: ParameterValues) -> Robot:
+    """Return the robot with the joints of the parameters locked; with an empty locked_joints, the robot itself."""
+    names: Sequence[str] = settings["locked_joints"]
+    positions: Sequence[float] = settings["locked_positions"]
+    if positions and len(positions) != len(names):
+        raise InvalidInputError(
+            f"parameter locked_positions has {len(positions)} numbers and locked_joints {len(names)} names: one "
+            "position for each joint is needed"
+        )
+    repeated = [name for name, count in Counter(names).items() if count > 1]
+    if repeated:
+        raise InvalidInputError(f"parameter locked_joints names {', '.join(map(repr, repeated))} more than once")
+    try:
+        robot = lock_joints(robot, dict(zip(names, positions or [0.0] * len(names), strict=True)))
+    except RobotDynamicsError as error:
+        raise InvalidInputError(f"parameter locked_joints: {error}") from None
+    return lock_massless_joints(robot) if settings["lock_massless"] else robot
 
 
 def with_payload(robot: Robot, settings: ParameterValues) -> Robot:

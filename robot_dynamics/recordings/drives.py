@@ -42,6 +42,15 @@ class TableFiles:
     rate: float | None = None
 
 
+@dataclass(frozen=True)
+class MotorLimits:
+    """Limits of a motor: efforts (k,) that it has at speeds (k,), ascending from 0; velocity: its highest speed."""
+
+    speeds: tuple[float, ...] = (0.0,)
+    efforts: tuple[float, ...] = (np.inf,)
+    velocity: float = np.inf
+
+
 @dataclass(frozen=True, eq=False)
 class Drives:
     """Conversion from signals of k motors to n joints, k = n.
@@ -58,6 +67,7 @@ class Drives:
     coupling_parameters : {motor: (rotor inertia, viscous friction, Coulomb friction)} by which the joints of a motor
         act on each other.
     tables : files of a folder of CSV tables; None: recordings are bags, or single CSV files.
+    limits : {motor: limits of its torque and speed}, beside those of the joints in the description.
     """
 
     joint_names: tuple[str, ...]
@@ -69,6 +79,7 @@ class Drives:
     excludes_gravity: bool = False
     coupling_parameters: dict[str, tuple[float, ...]] = field(default_factory=dict)
     tables: TableFiles | None = None
+    limits: dict[str, MotorLimits] = field(default_factory=dict)
 
     def to_joint_space(self, position: Array, velocity: Array, effort: Array) -> tuple[Array, Array, Array]:
         """Convert positions, velocities and efforts (N, k) of motors to those (N, n) of joints."""
@@ -167,6 +178,7 @@ class _DrivesReader:
             excludes_gravity=self.data.get("effort_excludes_gravity", False),
             coupling_parameters=coupling_parameters,
             tables=self._tables(),
+            limits=self._limits(names),
         )
         for name in set(coupling_parameters) - set(drives.coupling_ratios):
             message = describe_unknown_name("motor of several joints", name, drives.coupling_ratios)
@@ -189,6 +201,41 @@ class _DrivesReader:
             name: tuple(self._number(values.get(key, 0), ("coupled", name, key)) for key in DRIVE_PARAMETERS)
             for name, values in self.data.get("coupled", {}).items()
         }
+
+    def _limits(self, names: tuple[str, ...]) -> dict[str, MotorLimits]:
+        """Limits of motors by name."""
+        limits = {}
+        for name, values in self.data.get("limits", {}).items():
+            path = ("limits", name)
+            if name not in names:
+                self.document.fail(path, describe_unknown_name("motor", name, names))
+            numbers = {
+                key: self._positive((*path, key), values[key]) for key in ("effort", "velocity") if key in values
+            }
+            curve = values.get("torque_speed", [])
+            speeds = [self._number(point[0], (*path, "torque_speed")) for point in curve]
+            efforts = [self._number(point[1], (*path, "torque_speed")) for point in curve]
+            if curve and (speeds[0] != 0 or min(np.diff(speeds), default=1.0) <= 0 or min(efforts) < 0):
+                self.document.fail(
+                    (*path, "torque_speed"),
+                    "points [speed, torque] are needed whose speeds ascend from 0, and no torque below 0",
+                )
+            if curve and "effort" in numbers:
+                self.document.fail(
+                    (*path, "effort"), "effort is given beside torque_speed: the curve has it at speed 0"
+                )
+            limits[name] = MotorLimits(
+                tuple(speeds) or (0.0,),
+                tuple(efforts) or (numbers.get("effort", np.inf),),
+                numbers.get("velocity", np.inf),
+            )
+        return limits
+
+    def _positive(self, path: tuple[str, ...], value: Expression) -> float:
+        number = self._number(value, path)
+        if not number > 0:
+            self.document.fail(path, f"{path[-1]} {number:g}: a number above 0 is needed")
+        return number
 
     def _vector(self, key: str, names: tuple[str, ...], default: float = 0.0) -> Array:
         """The numbers (len(names),) under a key of the document."""
@@ -248,12 +295,29 @@ def write_drives(drives: Drives) -> str:
         lines.append("coupled:")
         for name, parameters in drives.coupling_parameters.items():
             lines.append(f"  {json.dumps(name)}: {_format_mapping(DRIVE_PARAMETERS, parameters)}")
+    if drives.limits:
+        lines.append("limits:")
+        lines += [f"  {json.dumps(name)}: {_format_limits(limits)}" for name, limits in drives.limits.items()]
     if drives.tables is not None:
         lines.append("tables:")
         table_options = {key: value for key, value in vars(drives.tables).items() if value is not None}
         for key, value in table_options.items():
             lines.append(f"  {key}: {format_number(value) if key == 'rate' else json.dumps(value)}")
     return "\n".join([*lines, DOCUMENT_END]) + "\n"
+
+
+def _format_limits(limits: MotorLimits) -> str:
+    """YAML text of the limits of a motor."""
+    entries = []
+    if len(limits.speeds) > 1:
+        points = zip(limits.speeds, limits.efforts, strict=True)
+        curve = ", ".join(f"[{format_number(speed)}, {format_number(effort)}]" for speed, effort in points)
+        entries.append(f"torque_speed: [{curve}]")
+    elif np.isfinite(limits.efforts[0]):
+        entries.append(f"effort: {format_number(limits.efforts[0])}")
+    if np.isfinite(limits.velocity):
+        entries.append(f"velocity: {format_number(limits.velocity)}")
+    return "{" + ", ".join(entries) + "}"
 
 
 def _format_mapping(names: Iterable[str], values: Iterable[float], default: float | None = None) -> str:

@@ -115,6 +115,22 @@ def test_parameters_are_set_from_a_file_and_on_the_command_line(tmp_path, capsys
     assert "values.yaml, line 1, column 4: a is [1]: a number or an expression is needed" in printed
 
 
+def test_verbs_lock_joints(tmp_path, capsys):
+    (tmp_path / "tips.yaml").write_text(LENGTHS.rpartition(", mass")[0] + "}\n")
+    assert main(["show", UR5, "--lock", "elbow_joint=0.5", "--lock", "wrist_1_joint=-1e-1"]) == 0
+    printed = capsys.readouterr().out
+    assert "robot 'ur5': 4 joints" in printed and "locked: elbow_joint at 0.5, wrist_1_joint at -0.1\n" in printed
+    assert main(["convert", str(tmp_path / "tips.yaml"), str(tmp_path / "out.yaml"), "--lock-massless"]) == 0
+    assert "'j2' moves nothing with inertia: it is locked at 0\n" in capsys.readouterr().err
+    assert [joint.name for joint in load_robot(tmp_path / "out.yaml").joints] == ["j1"]
+    for lock, reason in (
+        ("elbow_joint", "JOINT=POSITION is needed"),
+        ("elbow_joint=bent", "JOINT=POSITION is needed"),
+        ("elbow_join=1", "unknown moving joint 'elbow_join': did you mean 'elbow_joint'"),
+    ):
+        assert reason in refused(["show", UR5, "--lock", lock], capsys)
+
+
 def test_snap_makes_axes_parallel_and_is_suggested(tmp_path, capsys):
     (tmp_path / "lengths.yaml").write_text(LENGTHS)
     arguments = ["convert", str(tmp_path / "lengths.yaml"), str(tmp_path / "out.yaml")]

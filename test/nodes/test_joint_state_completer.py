@@ -62,6 +62,17 @@ def test_loops_are_closed_and_names_complete_in_any_order_of_the_input(client, s
     probe.wait_for_diagnostic(DiagnosticStatus.STALE, "no messages on")
 
 
+def test_locked_joints_are_published_where_they_are_locked(client, start_server):
+    locked = {"locked_joints": ["right_crank"], "locked_positions": [2.9]}
+    dynamics = Dynamics(load_robot("five_bar", locked={"right_crank": 2.9}), compiled=False)
+    start = float(dynamics.initial_joint_positions[dynamics.robot.joint_numbers["left_crank"]])
+    probe = CompleterProbe(start_server({"robot_file": "five_bar", **locked}, executable=NODE), client)
+    state = probe.complete(5, ["left_crank", "right_crank"], [start, 2.8], [0.5, 0.0])
+    assert list(state.name) == [*dynamics.all_joint_names, "right_crank"]
+    assert state.position[-1] == 2.9 and state.velocity[-1] == 0.0
+    np.testing.assert_allclose(state.position[:-1], dynamics.expand_positions([start]), atol=1e-9)
+
+
 def test_states_are_continued_from_each_other_and_chosen_by_passive_positions(client, start_server):
     """The crank turns twice; with its coupler below, the passive positions of one message choose that mode."""
     robot = Robot("four_bar")

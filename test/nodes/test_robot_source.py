@@ -68,6 +68,9 @@ def test_refused_description_leaves_the_old_robot_loaded(case, client, panda, pa
         ({"base": "floating"}, "fixed, moving"),
         ({"gravity": [0.0, 9.81]}, "3 numbers are needed"),
         ({"gravity": [0.0, 0.0, float("nan")]}, "three finite numbers"),
+        ({"locked_joints": ["panda_joint99"]}, "locked_joints: locked joint: unknown moving joint 'panda_joint99'"),
+        ({"locked_joints": ["panda_joint7"], "locked_positions": [0.1, 0.2]}, "2 numbers and locked_joints 1 names"),
+        ({"locked_joints": ["panda_joint7"] * 2}, "'panda_joint7' more than once"),
         ({"payload.link": "panda_link99", "payload.mass": 1.0}, "payload.link: unknown link 'panda_link99'"),
         ({"payload.link": "panda_link8", "payload.mass": -1.0}, "payload.mass is -1: 0 or more"),
         ({"payload.link": "panda_link8", "payload.inertia": [1.0, 2.0]}, "6 numbers are needed, xx, xy"),
@@ -166,6 +169,20 @@ def test_integers_are_accepted_as_numbers(client, start_server):
     heavy = Dynamics(load_robot("panda", gravity=(0, 0, -10)).with_payload("panda_link8", Inertia(2.0)), compiled=False)
     served = call_successfully(client, server, inverse())
     np.testing.assert_array_equal(field(served.trajectory, "effort"), heavy.inverse(Q, QD, QDD))
+
+
+def test_joints_are_locked_by_parameters_and_refused_in_requests(client, start_server):
+    server = start_server({"robot_file": "panda"})
+    locked = {"locked_joints": ["panda_joint7", "panda_joint6"], "locked_positions": [0.4, 1.2]}
+    assert client.set_parameters(server, locked).successful
+    robot = load_robot("panda", locked={"panda_joint7": 0.4, "panda_joint6": 1.2})
+    served = call_successfully(client, server, inverse(PANDA[:5], Q[:, :5], QD[:, :5], QDD[:, :5]))
+    expected = Dynamics(robot, compiled=False).inverse(Q[:, :5], QD[:, :5], QDD[:, :5])
+    np.testing.assert_array_equal(field(served.trajectory, "effort"), expected)
+    refused = call_service(client, server, inverse())
+    assert not refused.success and "joint 'panda_joint6', 'panda_joint7' is locked" in refused.message
+    assert client.set_parameters(server, {"locked_joints": "", "locked_positions": ""}).successful
+    call_successfully(client, server, inverse())
 
 
 @pytest.mark.parametrize(

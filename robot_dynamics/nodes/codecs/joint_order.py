@@ -136,6 +136,9 @@ def match_joints(names: Sequence[str], dynamics: Dynamics, namespace: str) -> Jo
 @lru_cache(maxsize=16)
 def _match_joints(names: tuple[str, ...], dynamics: Dynamics, namespace: str) -> JointOrder:
     known = dynamics.robot.joint_numbers
+    locked = ", ".join(repr(joint.name) for joint in dynamics.robot.locked_joints if joint.name in names)
+    if locked:
+        raise InvalidInputError(f"joint {locked} is locked: leave it out, or change parameter locked_joints")
     resolved = [resolve_name("joint", name, known, namespace) for name in names]
     repeated = [name for name, count in Counter(resolved).items() if count > 1]
     if repeated:

@@ -75,7 +75,8 @@ class StateCompletion:
         mapping = self._reader.find_mapping(message)
         if mapping is not self._mapping:
             self._mapping = mapping
-            self.unknown_names = [name for name in message.name if not self._is_known(name)]
+            locked = {joint.name for joint in self.dynamics.robot.locked_joints}
+            self.unknown_names = [name for name in message.name if name not in locked and not self._is_known(name)]
         if not self._reader.read(message, velocities_required=False):
             return None
         self._require_finite_positions()

@@ -72,6 +72,7 @@ class JointStateCompleter(Node):
         declare_parameters(self, PARAMETERS)
         self._values = read_parameters(self, PARAMETERS)
         self._joint_state = JointState()
+        self._locked_positions = np.zeros(0)
         self._joint_states = self.create_publisher(
             JointState, "~/joint_states", 10, qos_overriding_options=QOS_OVERRIDES
         )
@@ -96,7 +97,9 @@ class JointStateCompleter(Node):
     def _on_new_robot(self, dynamics: Dynamics) -> None:
         self._completion = StateCompletion(dynamics, self.get_namespace())
         self._wrenches.clear()
-        self._joint_state = JointState(name=list(dynamics.all_joint_names))
+        locked = dynamics.robot.locked_joints
+        self._joint_state = JointState(name=[*dynamics.all_joint_names, *(joint.name for joint in locked)])
+        self._locked_positions = np.array([joint.position for joint in locked])
         self._restart_markers()
 
     def _restart_markers(self) -> None:
@@ -158,8 +161,10 @@ class JointStateCompleter(Node):
         message = self._joint_state
         message.header.stamp = stamp
         message.header.frame_id = frame_id
-        message.position = to_float_array(state.positions)
-        message.velocity = array("d") if state.velocities is None else to_float_array(state.velocities)
+        message.position = to_float_array(np.append(state.positions, self._locked_positions))
+        velocities = state.velocities
+        at_rest = np.zeros_like(self._locked_positions)
+        message.velocity = array("d") if velocities is None else to_float_array(np.append(velocities, at_rest))
         self._joint_states.publish(message)
         self._published += 1
 

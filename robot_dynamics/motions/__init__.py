@@ -1,0 +1,1 @@
+"""What motions cost: efforts against limits, energy, scaling of time, and re-timing."""

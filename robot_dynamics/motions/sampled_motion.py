@@ -1,0 +1,107 @@
+"""Motions to be judged: of a recording, filtered, or planned ones in a CSV file with accelerations, as they are."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robot_dynamics.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from robot_dynamics.array_types import Array
+    from robot_dynamics.recordings.recording import Recording
+
+KINDS = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, eq=False)
+class SampledMotion:
+    """Samples of a motion of n joints.
+
+    Attributes
+    ----------
+    times : (N,) [s], ascending.
+    q, qd, qdd : (N, n) positions, velocities, accelerations [rad or m, with s].
+    weights : (N,) time that each sample stands for [s]: of the trapezoidal rule, in each piece without a gap.
+    cutoff : cut-off frequency of the filter [Hz]; None where nothing was filtered.
+    """
+
+    times: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    weights: Array
+    cutoff: float | None = None
+
+    @property
+    def duration(self) -> float:
+        """Time [s] of all samples, without gaps."""
+        return float(self.weights.sum())
+
+    @property
+    def has_gaps(self) -> bool:
+        """Whether a part of the motion is missing between two samples."""
+        return self.duration < float(self.times[-1] - self.times[0]) * (1 - 1e-9)
+
+
+def trapezoid_weights(times: Array) -> Array:
+    """Weights (N,) [s] of the trapezoidal rule at times (N,)."""
+    steps = np.diff(times)
+    weights: Array = (np.append(steps, 0.0) + np.append(0.0, steps)) / 2
+    return weights
+
+
+def planned_motion(path: Path, joint_names: Sequence[str]) -> SampledMotion | None:
+    """Read a CSV file that has time, <joint>.position, .velocity and .acceleration of all joints, without a filter.
+
+    Returns None for a file without such columns: a recording.
+
+    Raises
+    ------
+    RecordingError
+        A number is missing, or times do not ascend.
+    """
+    if path.suffix != ".csv" or not path.is_file():
+        return None
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None  # the reader of recordings has the error
+    header = [name.strip() for name in text.partition("\n")[0].split(",")]
+    columns = ["time", *(f"{name}.{kind}" for kind in KINDS for name in joint_names)]
+    if not set(columns) <= set(header):
+        return None
+    try:
+        table = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}: rows of numbers are needed") from None
+    if table.shape[1] != len(header):
+        raise RecordingError(f"{path}: rows have {table.shape[1]} numbers, and the header {len(header)} names")
+    times, *values = (table[:, header.index(column)] for column in columns)
+    if len(times) < 2 or not np.isfinite(table).all() or not (np.diff(times) > 0).all():
+        raise RecordingError(f"{path}: two rows or more of finite numbers with ascending times are needed")
+    q, qd, qdd = np.reshape(values, (3, len(joint_names), len(times))).transpose(0, 2, 1)
+    return SampledMotion(times, q, qd, qdd, trapezoid_weights(times))
+
+
+def recorded_motion_samples(recording: Recording, cutoff: float | None, rate: float | None) -> SampledMotion:
+    """Read the filtered motion of a recording. Raises RecordingError."""
+    pieces = list(recording.motions(cutoff=cutoff, rate=rate))
+    weights, run = [], [pieces[0].times]
+    for before, piece in pairwise(pieces):
+        if abs(piece.time - before.end) > 0.5 / piece.rate:
+            weights.append(trapezoid_weights(np.concatenate(run)))
+            run = []
+        run.append(piece.times)
+    weights.append(trapezoid_weights(np.concatenate(run)))
+    times, q, qd, qdd = (
+        np.concatenate([getattr(piece, key) for piece in pieces]) for key in ("times", "q", "qd", "qdd")
+    )
+    return SampledMotion(times, q, qd, qdd, np.concatenate(weights), pieces[0].cutoff)
