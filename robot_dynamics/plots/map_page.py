@@ -118,11 +118,14 @@ def _pose_grid(result: PoseMap, robot: Robot, condition_scale: ColourScale, effo
         trace = _heatmap(result.axes, values, numbers, scale, colours, "", f"{hover}<extra></extra>")
         trace.colorbar.x = place
         figure.add_trace(trace, row=1, col=column)
+    for number, (name, colour) in enumerate(POSE_CLASSES.items()):
+        if number and (classes == number).any():  # those in reach have the colours of the scales
+            figure.add_trace(_legend_entry(name, colour))
     first, second = result.axes
     figure.update_xaxes(title=axis_label(first), showgrid=False, zeroline=False)
     figure.update_yaxes(showgrid=False, zeroline=False)
     figure.update_yaxes(title=axis_label(second), col=1)
-    figure.update_layout(width=1150, height=600)
+    figure.update_layout(width=1150, height=600, showlegend=True, legend={"orientation": "h", "y": -0.15})
     return figure
 
 
@@ -202,6 +205,12 @@ def _class_trace(axes: Mapping[str, ArrayLike], is_member: Array, colour: str, h
         hoverongaps=False,
         hovertemplate=hover,
     )
+
+
+def _legend_entry(name: str, colour: str) -> Any:
+    """Return a trace without points, whose class of poses is in the legend."""
+    marker = {"color": colour, "size": 12, "symbol": "square"}
+    return import_plotly().Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name)
 
 
 def _pose_text(axes: Mapping[str, ArrayLike], fixed_coordinates: Mapping[str, float]) -> str:

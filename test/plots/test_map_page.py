@@ -66,6 +66,7 @@ def test_pose_under_the_cursor_has_the_values_of_the_model(opened, tmp_path):
     assert values["largest effort"] == pytest.approx(np.abs(platform.inverse(pose)).max(), rel=1e-3)
     assert "y = 0 m, yaw = 0.1 rad" in text
     assert "motors beyond their limits" in hovered(page, 0.02, 0.02)
+    assert "motors beyond their limits" in page.locator(".legendtext").all_text_contents()
     assert events == []
 
 
