@@ -153,21 +153,11 @@ def set_nodes(names: list[str], values: dict[str, object]) -> None:
     """Set parameters of running nodes, and print which. Raises RobotDynamicsError where a node refuses or is absent."""
     if not names:
         return
-    import rclpy  # the only use of ROS in this verb: with --set-node
-
-    from robot_dynamics.nodes.client import ServiceClient
-
-    rclpy.init()
-    client = ServiceClient("identify_payload")
     try:
-        for name in names:
-            try:
-                result = client.set_parameters(name, values, timeout=10.0)
-            except TimeoutError as error:
-                raise RobotDynamicsError(f"--set-node {name}: {error}. Is the node running?") from None
-            if not result.successful:
-                raise RobotDynamicsError(f"--set-node {name}: the node refuses the payload: {result.reason}")
-            print(f"set the payload of {name}")
-    finally:
-        client.close()
-        rclpy.shutdown()
+        from robot_dynamics.nodes.running_nodes import set_node_parameters  # the only use of ROS in this verb
+    except ModuleNotFoundError as error:
+        raise RobotDynamicsError(
+            f"--set-node needs ROS 2, of which {error.name} is missing: source it, or pip install 'robot_dynamics[ros]'"
+        ) from error
+    for name in set_node_parameters(names, values):
+        print(f"set the payload of {name}")

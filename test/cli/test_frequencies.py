@@ -62,8 +62,8 @@ def test_map_is_drawn_as_png(tmp_path, capsys):
         (["navaro", "--map", "x:0:1:5"], "two coordinates vary in a map"),
         (["navaro", "--map", "x:0:1,y:0:1:5"], "NAME:FROM:TO:COUNT is needed"),
         (
-            ["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.pdf"],
-            "--output map.pdf: the path of the output file must end with .html or .png",
+            ["navaro", "--map", "x:0:1:3,y:0:1:3", "--output", "map.csv"],
+            "--output map.csv: the path of the output file must end with .html, .png, .pdf or .svg",
         ),
         (["navaro", "--mode", "91"], "modes 1 to 90"),
         (["navaro", "--held", "nobody"], "unknown joint 'nobody'"),

@@ -15,12 +15,12 @@ from robot_dynamics.errors import InvalidInputError
         (["convert", "panda", "robot.txt"], "robot.txt: {} .yaml, .yml, .urdf or .par\n"),
         (
             ["map", "gough_stewart", "--over", "x:0:1:2", "--output", "map"],
-            "--output map: {} .png, .pdf, .svg or .jpg\n",
+            "--output map: {} .png, .pdf, .svg, .jpg or .html\n",
         ),
         (["frequencies", "navaro", "--mode", "1", "--output", "mode.png"], "--output mode.png: {} .html\n"),
         (
-            ["frequencies", "navaro", "--map", "x:0:1:2,y:0:1:2", "--output", "a.pdf"],
-            "--output a.pdf: {} .html or .png\n",
+            ["frequencies", "navaro", "--map", "x:0:1:2,y:0:1:2", "--output", "a.csv"],
+            "--output a.csv: {} .html, .png, .pdf or .svg\n",
         ),
         (["identify", "run", "--robot", "panda", "--output", "a.par"], "--output a.par: {} .yaml or .yml. The verb"),
         (

@@ -231,6 +231,7 @@ def test_source_digest_folders_contain_everything_a_program_depends_on():
         "robot_dynamics.array_checks",
         "robot_dynamics.array_types",
         "robot_dynamics.errors",
+        "robot_dynamics.notebook_display",
         "robot_dynamics.optional_packages",
     }  # no program depends on them
     assert Path(module.__file__).relative_to(PACKAGE).parts[0] in module.FOLDERS
