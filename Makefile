@@ -110,13 +110,14 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/viewer.py
 
 soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen test/viewing -k "hexapod_stack" --timeout 900
 	PROGRAM_STATES=40 .venv/bin/python -m pytest -s test/constraints/test_closed_loops.py -k compiled_programs --timeout 900
 	RANDOM_TREES=200 .venv/bin/python -m pytest -s test/model/formats/test_conversions.py --timeout 900
 	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
-	MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel/test_assembly_modes.py --timeout 1500
+	EVERY_ROBOT=1 MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel/test_assembly_modes.py --timeout 1500
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
-	SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
+	EVERY_ROBOT=1 SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_payload_fit.py -k errors_agree

@@ -22,6 +22,7 @@ INSTALL_SOURCES: dict[str, tuple[str, str | None, str | None]] = {
     "mujoco": ("mujoco", None, "mjcf"),
     "numpy": ("numpy", "python3-numpy", None),
     "plotly": ("plotly", None, "view"),  # the package of Debian and Ubuntu lacks the script that pages need
+    "rich": ("rich", "python3-rich", "view"),
     "rosbags": ("rosbags", None, "bags"),
     "scipy": ("scipy", "python3-scipy", None),
     "tabulate": ("tabulate", "python3-tabulate", None),

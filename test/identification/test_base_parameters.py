@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from peers.four_bar import random_four_bar
+from peers.large_robots import each_robot
 from peers.loop_states import random_closed_state
 from peers.maximal_coordinates import MaximalCoordinates
 from peers.random_loops import random_loops
@@ -73,7 +74,7 @@ def test_base_parameters_of_loops_determine_the_efforts(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", shipped_robots())
+@pytest.mark.parametrize("name", each_robot(shipped_robots()))
 def test_rank_by_another_way_of_sampling_agrees_at_every_seed(name):
     """The peer samples states along lines of the motors or at poses of the platform, without random walks."""
     dynamics = Dynamics(load_robot(name))

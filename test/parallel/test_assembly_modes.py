@@ -5,13 +5,14 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from peers.large_robots import each_robot
 from peers.random_platforms import KINDS, random_platform
 from peers.reachable import limits_of
 
 from robot_dynamics import Dynamics, SingularModelError, load_robot, shipped_robots
 from robot_dynamics.constraints.closure_solver import ClosureSolver
 
-DRAWS = int(os.environ.get("MOTOR_DRAWS", 0)) or 40  # `make soak`: 1000
+DRAWS = int(os.environ.get("MOTOR_DRAWS", 0)) or 20  # `make soak`: 1000
 SHORT = 10  # draws of a robot with two platforms in `make test`
 SINGLE_COUNT = 5  # of the draws are expanded one by one, the others in a batch
 SAMPLES = 20  # of the straight path of the motors from home
@@ -59,7 +60,7 @@ def check_modes(dynamics, q, least):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PARALLEL)
+@pytest.mark.parametrize("name", each_robot(PARALLEL))
 def test_assembly_modes_of_shipped_robots(name):
     """Motors are at random positions within their limits."""
     dynamics = Dynamics(load_robot(name))

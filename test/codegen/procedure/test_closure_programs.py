@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 import pytest
+from peers.large_robots import each_robot
 
 pytest.importorskip("llvmlite")
 from robot_dynamics import Dynamics, RobotDynamicsError, load_robot, shipped_robots
@@ -99,7 +100,7 @@ class Calls:
         return {name for name, compilation in compilations.items() if compilation.program is not None}
 
 
-@pytest.fixture(scope="module", params=LOOPED)
+@pytest.fixture(scope="module", params=each_robot(LOOPED))
 def calls(request):
     """Calls of a Dynamics that is compiled, and of a Dynamics that is not."""
     robot = load_robot(request.param)

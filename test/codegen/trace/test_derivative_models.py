@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from peers.derivative_cases import largest_errors, random_state
 from peers.frictions import with_random_friction
+from peers.large_robots import LARGE_ROBOTS
 from peers.random_loops import random_loops
 from peers.random_platforms import random_platform
 from peers.random_robots import random_urdf
@@ -28,7 +29,12 @@ def require_small(errors):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW_ROBOTS)) for name in shipped_robots()]
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW_ROBOTS))
+        for name in shipped_robots()
+        if name not in LARGE_ROBOTS or "EVERY_ROBOT" in os.environ
+    ],
 )
 def test_shipped_robots(name):
     robot = shipped_robot(name)

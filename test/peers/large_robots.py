@@ -1,0 +1,13 @@
+"""Robots that ship whose models take most of the time of a test of all robots."""
+
+import os
+
+import pytest
+
+LARGE_ROBOTS = ("hexapod_stack",)
+
+
+def each_robot(names):
+    """Return names of robots as parameters of a test; large ones are tested by `make soak`, which sets EVERY_ROBOT."""
+    skip = pytest.mark.skipif("EVERY_ROBOT" not in os.environ, reason="takes long: a part of `make soak`")
+    return [pytest.param(name, marks=skip) if name in LARGE_ROBOTS else name for name in names]
