@@ -30,6 +30,9 @@ REAL_TIME = bag_recorder computed_torque control_loop many_clients mobile_base_s
 REAL_TIME += fault_rounds streaming_faults streaming_interruptions streaming_soak
 # A test in real time that fails runs again: the machine may have had no core for it. A defect fails it each time.
 REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
+# What `make jazzy` tests beside nodes: what depends most on the version of NumPy, and on machine code, which is not there.
+# `make jazzy JAZZY_TESTS=test` tests all.
+JAZZY_TESTS ?= $(wildcard test/test_*.py) $(addprefix test/,cli codegen control flexible joint_space model newton_euler recordings)
 # The nodes that `make jazzy` tests: one that streams, one with services, one that reads recordings.
 JAZZY_NODES = computed_torque dynamics_server replay_check
 # Fewer of what is random, nothing slow, no comparison with another library, no faults between processes: here it is
@@ -60,7 +63,7 @@ quick: venv  ## run the tests that need no ROS and are fast, in under two minute
 
 jazzy:  ## run the tests with what Ubuntu 24.04 has beside ROS 2 Jazzy from apt: Python 3.12, NumPy 1.26, no llvmlite, no rosbags
 	@python=$$(WANTED=3.12 PYTHON='$(JAZZY_PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py --apt-jazzy
-	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not reference" --ignore test/nodes --ignore test/docs --ignore test/fuzz
+	.venv_apt_jazzy/bin/python -m pytest -n 2 --dist worksteal -m "not slow and not reference" --ignore test/nodes --ignore test/docs --ignore test/fuzz $(JAZZY_TESTS)
 	.venv_apt_jazzy/bin/python -m pytest $(REAL_TIME_RERUNS) $(JAZZY_NODES:%=test/nodes/test_%.py)
 
 demo:  ## call a server and simulate robots; writes demo.png, demo_tracking.png and bags; .venv gets no test packages
