@@ -113,7 +113,7 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/viewer.py
 
 soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
-	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen test/viewing -k "hexapod_stack" --timeout 900
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen test/viewing -k "hexapod_stack or delta_wrist or navaro or orthoglide" --timeout 900
 	PROGRAM_STATES=40 .venv/bin/python -m pytest -s test/constraints/test_closed_loops.py -k compiled_programs --timeout 900
 	RANDOM_TREES=200 .venv/bin/python -m pytest -s test/model/formats/test_conversions.py --timeout 900
 	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-LARGE_ROBOTS = ("hexapod_stack",)
+LARGE_ROBOTS = ("delta_wrist", "hexapod_stack", "navaro", "orthoglide")
 
 
 def each_robot(names):
