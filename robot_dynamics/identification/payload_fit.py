@@ -62,6 +62,7 @@ MAX_ITERATIONS = 10  # of the point about which parameters are fitted
 CENTRE_TOLERANCE = 1e-4  # [m]
 FIRST_MASS = 1000.0  # [kg] scale of the mass in the first iteration
 RADIUS_OF_GYRATION = 0.1  # [m] scale of inertias about the centre of mass
+MIN_VARIANCE_RATIO = 1e-14  # of variances of scaled parameters: smaller ones are rounding errors
 MIN_DEVIATION = 1e-3  # of the scales of the parameters: lengths, gravity and clocks are not known better
 MAX_INCONSISTENCY = 3.0  # standard deviations between the estimate and the nearest body
 LOAD_FRICTION_PASSES = 3  # of the fit, where friction grows with the load
@@ -260,8 +261,10 @@ def _solve(
 def _larger_covariance(first: Array, second: Array) -> Array:
     """The covariance (k, k) with the larger variance of two in each direction in which they differ."""
     scale = np.sqrt(np.diagonal(first))
-    root = np.linalg.cholesky(first / scale / scale[:, None])
-    inverse = np.linalg.inv(root)
+    variances, axes = np.linalg.eigh(first / scale / scale[:, None])
+    deviations = np.sqrt(np.maximum(variances, MIN_VARIANCE_RATIO * variances.max()))  # some are zero but for rounding
+    root = axes * deviations
+    inverse = axes.T / deviations[:, None]
     ratios, vectors = np.linalg.eigh(inverse @ (second / scale / scale[:, None]) @ inverse.T)
     root = scale[:, None] * (root @ vectors) * np.sqrt(np.maximum(ratios, 1))
     larger: Array = root @ root.T
