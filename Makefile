@@ -33,8 +33,8 @@ REAL_TIME_RERUNS = --reruns 2 --reruns-delay 2
 # What `make jazzy` tests beside nodes: what depends most on the version of NumPy, and on machine code, which is not there.
 # `make jazzy JAZZY_TESTS=test` tests all.
 JAZZY_TESTS ?= $(wildcard test/test_*.py) $(addprefix test/,cli codegen control flexible joint_space model newton_euler recordings)
-# The nodes that `make jazzy` tests: one that streams, one with services, one that reads recordings.
-JAZZY_NODES = computed_torque dynamics_server replay_check
+# The nodes that `make jazzy` tests: one that streams, and one with services.
+JAZZY_NODES = computed_torque dynamics_server
 # Fewer of what is random, nothing slow, no comparison with another library, no faults between processes: here it is
 # the packages that differ.
 jazzy: export RANDOM_TREES := 30
@@ -113,7 +113,9 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/viewer.py
 
 soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
-	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen test/viewing -k "hexapod_stack or delta_wrist or navaro or orthoglide" --timeout 900
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen -k "hexapod_stack or delta_wrist or navaro or orthoglide" --timeout 900
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/viewing/test_viewer.py
+	EVERY_PART=1 .venv/bin/python -m pytest -s test/checking/test_long_recordings.py
 	PROGRAM_STATES=40 .venv/bin/python -m pytest -s test/constraints/test_closed_loops.py -k compiled_programs --timeout 900
 	RANDOM_TREES=200 .venv/bin/python -m pytest -s test/model/formats/test_conversions.py --timeout 900
 	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500

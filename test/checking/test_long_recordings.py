@@ -1,5 +1,6 @@
 """Long recordings in parts: with every executor the same figures, which are those of the whole recording."""
 
+import os
 import pickle
 import shutil
 from concurrent.futures import Executor, Future
@@ -176,6 +177,7 @@ def test_recording_whose_parts_depend_on_each_other_is_read_as_a_whole(path, mon
     assert quality.samples == whole.comparison.samples and len(notes) == len(whole.notes)
 
 
+@pytest.mark.skipif("EVERY_PART" not in os.environ, reason="takes long: a part of `make soak`")
 def test_only_recordings_whose_parts_depend_on_each_other_are_read_as_a_whole(path, tmp_path, monkeypatch):
     jumping = [tmp_path / "first", tmp_path / "second"]
     for copy in jumping:

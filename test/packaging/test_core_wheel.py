@@ -137,7 +137,7 @@ def test_missing_compiler_of_models_is_named_in_one_line(core, tmp_path):
         ("mobile_base_simulator", "ros"),
         ("replay_check", "ros"),
         ("joint_state_completer", "ros"),
-        ("demo", "plots"),
+        ("demo", "ros"),
     ],
 )
 def test_node_without_ros_ends_with_one_line(core, tmp_path, name, extra):
