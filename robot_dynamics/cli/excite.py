@@ -13,13 +13,13 @@ shows a progress bar. --time-limit ends the design with the best trajectory so f
 
 from __future__ import annotations
 
-import io
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.cli.joint_table import joint_table
 from robot_dynamics.cli.output_files import write_text
 from robot_dynamics.cli.robot_arguments import add_robot_arguments, load_robot_argument
 from robot_dynamics.dynamics import Dynamics
@@ -129,11 +129,8 @@ def trajectory_csv(trajectory: FourierTrajectory, names: Sequence[str], rate: fl
     names: (n,) of the joints; rate: samples per second.
     """
     times = np.linspace(0, trajectory.duration, round(trajectory.duration * rate) + 1)
-    columns = np.stack(trajectory(times), axis=-1).reshape(len(times), -1)
-    header = ["time", *(f"{name}.{kind}" for name in names for kind in ("position", "velocity", "acceleration"))]
-    text = io.StringIO()
-    np.savetxt(text, np.column_stack([times, columns]), fmt="%.9g", delimiter=",", header=",".join(header), comments="")
-    return text.getvalue()
+    signals = dict(zip(("position", "velocity", "acceleration"), trajectory(times), strict=True))
+    return joint_table(times, names, signals)
 
 
 def _check_arguments(arguments: Namespace) -> None:

@@ -12,7 +12,6 @@ each independent joint.
 
 from __future__ import annotations
 
-import io
 import json
 from argparse import ArgumentParser, Namespace
 from dataclasses import asdict
@@ -22,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robot_dynamics.cli.joint_table import joint_table
 from robot_dynamics.cli.output_files import check_ending, check_writable, output_file, write_text
 from robot_dynamics.cli.recording_arguments import add_signal_arguments, open_recordings
 from robot_dynamics.cli.robot_arguments import add_robot_arguments
@@ -90,7 +90,7 @@ def run(arguments: Namespace) -> None:
         retimed = retime(model, limits, motion)
         print(describe_retiming(model, limits, cost, retimed))
     for path in arguments.output:
-        _write_output(path, arguments, model, limits, motion, retimed)
+        _write_output(path, arguments, model, limits, motion, cost, retimed)
     if arguments.json is not None:
         write_text(arguments.json, json.dumps(_to_json(cost, retimed, dynamics.joint_names), indent=2) + "\n")
 
@@ -204,19 +204,19 @@ def _write_output(
     model: EffortModel,
     limits: ActuatorLimits,
     motion: SampledMotion,
+    cost: MotionCost,
     retimed: RetimedMotion | None,
 ) -> None:
     """Write the re-timed motion, or a picture of it, or of the motion itself."""
-    from robot_dynamics.motions.motion_cost import compute_motion_cost
-
     if Path(path).suffix.lower() == MOTION:
         assert retimed is not None, "checked before"
         rate = arguments.rate or (len(motion.times) - 1) / motion.duration
         write_text(path, motion_csv(model, retimed.resample(rate)))
         return
+    from robot_dynamics.motions.motion_cost import compute_motion_cost
     from robot_dynamics.motions.motion_plot import draw_motion_cost  # here, because it is slow to import
 
-    shown = compute_motion_cost(model, limits, motion if retimed is None else retimed.motion)
+    shown = cost if retimed is None else compute_motion_cost(model, limits, retimed.motion)
     title = f"{model.robot.name}: {Path(arguments.motion).name}{', re-timed' if retimed is not None else ''}"
     with output_file(path) as file:
         draw_motion_cost(file, shown, title)
@@ -225,13 +225,8 @@ def _write_output(
 def motion_csv(model: EffortModel, motion: SampledMotion) -> str:
     """Format a motion as CSV, with its efforts."""
     efforts = model.efforts(model.close_loops(motion.q), motion.qd, motion.qdd)
-    columns = np.stack([motion.q, motion.qd, motion.qdd, efforts], axis=-1).reshape(len(motion.times), -1)
-    kinds = ("position", "velocity", "acceleration", "effort")
-    header = ["time", *(f"{name}.{kind}" for name in model.dynamics.joint_names for kind in kinds)]
-    text = io.StringIO()
-    table = np.column_stack([motion.times, columns])
-    np.savetxt(text, table, fmt="%.9g", delimiter=",", header=",".join(header), comments="")
-    return text.getvalue()
+    signals = {"position": motion.q, "velocity": motion.qd, "acceleration": motion.qdd, "effort": efforts}
+    return joint_table(motion.times, model.dynamics.joint_names, signals)
 
 
 def _to_json(cost: MotionCost, retimed: RetimedMotion | None, joint_names: Sequence[str]) -> dict[str, Any]:

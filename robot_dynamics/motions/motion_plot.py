@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from robot_dynamics.plots.plot_colours import COLOURS
 from robot_dynamics.plots.plot_labels import plain_label
+from robot_dynamics.plots.plot_limits import LIMIT_LINE
 from robot_dynamics.plots.plot_style import LINE_STYLES, PAGE_WIDTH, new_figure, plot_style, save_figure
 
 if TYPE_CHECKING:
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.motions.motion_cost import MotionCost
 
-LIMIT_LINE: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 0.9}
 LEGEND_BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1, 0.5)}
 
 

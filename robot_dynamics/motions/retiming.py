@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 from scipy.ndimage import maximum_filter1d
 
 from robot_dynamics.errors import InvalidInputError
@@ -46,39 +47,23 @@ class RetimedMotion:
     motion : SampledMotion
         Its samples at FINENESS points of each interval of the path; times are not equally spaced.
     deviation : (n,) largest distance between the path and the samples of the original motion [rad or m].
-    interval_count : number of intervals in which the speed was optimised.
     """
 
     motion: SampledMotion
     deviation: Array
-    interval_count: int
 
     def resample(self, rate: float) -> SampledMotion:
         """Return samples at equal times, the last one at the end or up to one step after it, at rest."""
         fine = self.motion
         times = np.arange(int(np.ceil(fine.times[-1] * rate - 1e-9)) + 1) / rate
-        index = np.clip(np.searchsorted(fine.times, times, side="right") - 1, 0, len(fine.times) - 2)
-        after = np.minimum(times, fine.times[-1]) - fine.times[index]
-        step = (fine.times[index + 1] - fine.times[index])[:, None]
-        # the acceleration is linear in each step; velocity and position are its integrals, corrected to meet the ends
-        part = after[:, None] / step
-        qdd = fine.qdd[index] + part * (fine.qdd[index + 1] - fine.qdd[index])
-        qd = _hermite(part, step, fine.qd[index], fine.qd[index + 1], fine.qdd[index], fine.qdd[index + 1])
-        q = _hermite(part, step, fine.q[index], fine.q[index + 1], fine.qd[index], fine.qd[index + 1])
+        inside = np.minimum(times, fine.times[-1])
+        # each is interpolated with its rates, so that velocity and position are consistent and meet all samples
+        q = CubicHermiteSpline(fine.times, fine.q, fine.qd)(inside)
+        qd = CubicHermiteSpline(fine.times, fine.qd, fine.qdd)(inside)
+        qdd = make_interp_spline(fine.times, fine.qdd, k=1)(inside)
         is_over = times > fine.times[-1]
         qd[is_over] = qdd[is_over] = 0.0
         return SampledMotion(times, q, qd, qdd, trapezoid_weights(times))
-
-
-def _hermite(part: Array, step: Array, first: Array, last: Array, first_rate: Array, last_rate: Array) -> Array:
-    """Values (k, n) of cubic polynomials at parts (k, 1) of steps (k, 1), from values and rates at their ends."""
-    rest = 1 - part
-    values: Array = (
-        rest**2 * (1 + 2 * part) * first
-        + part**2 * (1 + 2 * rest) * last
-        + step * part * rest * (rest * first_rate - part * last_rate)
-    )
-    return values
 
 
 def retime(model: EffortModel, limits: ActuatorLimits, motion: SampledMotion) -> RetimedMotion:
@@ -108,7 +93,7 @@ def retime(model: EffortModel, limits: ActuatorLimits, motion: SampledMotion) ->
     times, q, qd, qdd = (np.concatenate([getattr(part, key) for part in parts]) for key in ("times", "q", "qd", "qdd"))
     deviation = np.max([section.deviation for section in sections], axis=0)
     retimed = SampledMotion(times, q, qd, qdd, trapezoid_weights(times))
-    return RetimedMotion(retimed, deviation, len(times) // FINENESS)
+    return RetimedMotion(retimed, deviation)
 
 
 def _retime_section(model: EffortModel, limits: ActuatorLimits, section: PathSection) -> SampledMotion:
@@ -122,8 +107,9 @@ def _retime_section(model: EffortModel, limits: ActuatorLimits, section: PathSec
     points = section.length * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
     intervals = _limits_along(model, limits, section, points)
     samples = _sample(section, points, fastest_profile(np.diff(points), intervals))
+    closed_q = model.close_loops(samples.q)  # the positions stay, whatever the speed
     for _ in range(ROUNDS):
-        of_efforts, of_speeds = _usages(model, limits, samples)
+        of_efforts, of_speeds = _usages(model, limits, closed_q, samples)
         if max(of_efforts.max(), of_speeds.max()) < 1 + USAGE_TOLERANCE:
             break
         intervals = replace(
@@ -135,7 +121,7 @@ def _retime_section(model: EffortModel, limits: ActuatorLimits, section: PathSec
             samples = _sample(section, points, fastest_profile(np.diff(points), intervals))
         except InvalidInputError:  # weight alone needs the limits that were lowered
             break
-    s = _scale_to_limits(model, limits, samples)
+    s = _scale_to_limits(model, limits, closed_q, samples)
     return SampledMotion(samples.times * s, samples.q, samples.qd / s, samples.qdd / s**2, samples.weights * s)
 
 
@@ -151,9 +137,12 @@ def _limits_along(model: EffortModel, limits: ActuatorLimits, section: PathSecti
     return find_interval_limits(efforts, limits, limits.speeds(first), ceilings)
 
 
-def _usages(model: EffortModel, limits: ActuatorLimits, samples: SampledMotion) -> tuple[Array, Array]:
-    """Return the largest parts (N,) of the limits of efforts and of speeds that samples of a motion use."""
-    efforts = model.efforts(model.close_loops(samples.q), samples.qd, samples.qdd)
+def _usages(model: EffortModel, limits: ActuatorLimits, closed_q: Array, samples: SampledMotion) -> tuple[Array, Array]:
+    """Return the largest parts (N,) of the limits of efforts and of speeds that samples of a motion use.
+
+    closed_q: (N, all joints) positions of the samples, with loops closed.
+    """
+    efforts = model.efforts(closed_q, samples.qd, samples.qdd)
     of_efforts, of_speeds = limits.usage(efforts, samples.qd)
     return of_efforts.max(axis=1), of_speeds.max(axis=1)
 
@@ -165,10 +154,10 @@ def _largest_around(usages: Array, count: int) -> Array:
     return largest
 
 
-def _scale_to_limits(model: EffortModel, limits: ActuatorLimits, samples: SampledMotion) -> float:
-    """Return the factor of time, near 1, with which a motion touches a limit and passes none."""
-    q, qd, qdd = model.close_loops(samples.q), samples.qd, samples.qdd
-    nearest = np.argsort(-np.maximum(*_usages(model, limits, samples)))[:NEAREST_COUNT]
+def _scale_to_limits(model: EffortModel, limits: ActuatorLimits, q: Array, samples: SampledMotion) -> float:
+    """Return the factor of time, near 1, with which a motion touches a limit and passes none; q as above."""
+    qd, qdd = samples.qd, samples.qdd
+    nearest = np.argsort(-np.maximum(*_usages(model, limits, q, samples)))[:NEAREST_COUNT]
     scale = find_time_scale(model, limits, q[nearest], qd[nearest], qdd[nearest])
     if scale is None or largest_usage(model, limits, q, qd, qdd, scale.scale) > 1:
         scale = find_time_scale(model, limits, q, qd, qdd)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.errors import RecordingError
+from robot_dynamics.recordings.tables import read_column_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -66,20 +66,16 @@ def planned_motion(path: Path, joint_names: Sequence[str]) -> SampledMotion | No
     Raises
     ------
     RecordingError
-        A number is missing, or times do not ascend.
+        The file cannot be read as CSV, a number is missing, or times do not ascend.
     """
     if path.suffix != ".csv" or not path.is_file():
         return None
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError):
-        return None  # the reader of recordings has the error
-    header = [name.strip() for name in text.partition("\n")[0].split(",")]
+    header = read_column_names(path)
     columns = ["time", *(f"{name}.{kind}" for kind in KINDS for name in joint_names)]
     if not set(columns) <= set(header):
         return None
     try:
-        table = np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1, ndmin=2)
+        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
     except ValueError as error:
         raise RecordingError(f"{path}: {error}: rows of numbers are needed") from None
     if table.shape[1] != len(header):

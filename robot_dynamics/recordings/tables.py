@@ -67,7 +67,7 @@ class Table:
         self.notes: list[str] = []
         self.counts: dict[str, int | None] = {str(path): None}
         self.files: dict[Field | None, Path] = {None: path} if tables is None else _table_paths(path, tables)
-        self._column_names = {field: _read_column_names(file) for field, file in self.files.items()}
+        self._column_names = {field: read_column_names(file) for field, file in self.files.items()}
         self.joints = self._find_joints()
         self._columns = {field: self._find_columns(field) for field in FIELDS}
         self._missing_cells: dict[str, Counter[str]] = {"cells are empty": Counter(), "cells have no number": Counter()}
@@ -271,8 +271,8 @@ def _table_paths(folder: Path, tables: TableFiles) -> dict[Field | None, Path]:
     return {field: folder / name for field, name in names.items() if name is not None}
 
 
-def _read_column_names(file: Path) -> list[str]:
-    """The names of the columns, in the first line. Raises RecordingError."""
+def read_column_names(file: Path) -> list[str]:
+    """Return the names of the columns, in the first line of a CSV file. Raises RecordingError."""
     try:
         with _open_text(file) as lines:
             header = next(csv.reader(lines), [])
