@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import MissingPackageError
 from robot_dynamics.model.mdh_table import build_mdh_table
+from robot_dynamics.newton_euler.centroid import moving_mass
 from robot_dynamics.notebook.markup import (
     angle_text,
     block,
@@ -71,9 +72,9 @@ def _pictures(robot: Robot) -> Iterator[HtmlElement]:
 
 def _summary(robot: Robot) -> Iterator[str]:
     """Yield sentences about the robot as a whole."""
-    mass = sum(float(link.inertia.mass) for link in robot.links[0 if robot.moving_base else 1 :])
     base = "moves" if robot.moving_base else "is fixed"
-    yield f"{len(robot.joints)} joints; base {robot.base_link!r} {base}; moving mass {number_text(mass)} kg"
+    mass = number_text(moving_mass(robot))
+    yield f"{len(robot.joints)} joints; base {robot.base_link!r} {base}; moving mass {mass} kg"
     yield f"gravity {' '.join(number_text(value) for value in robot.gravity)} m/s²"
     for name, platform in zip(robot.platform_links, robot.platforms, strict=True):
         yield f"platform {name!r}, free in {', '.join(platform.free)}"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from robot_dynamics.model.mdh import mdh_from_placement, placement_from_mdh
-from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.viewing.scene import node_name
+from robot_dynamics.viewing.viewer_quaternions import quaternions_wxyz
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -73,7 +73,7 @@ class FrameOverlay:
     def update(self, configuration: Configuration, link_poses: Array) -> None:
         """Move the axes."""
         poses = link_poses[self._links]
-        self._axes.batched_wxyzs = to_scipy_rotation(poses[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]].astype(np.float32)
+        self._axes.batched_wxyzs = quaternions_wxyz(poses[:, :3, :3]).astype(np.float32)
         self._axes.batched_positions = poses[:, :3, 3].astype(np.float32)
 
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.viewing.body import LINK_COLOUR, SINGULAR_COLOUR
+from robot_dynamics.viewing.viewer_quaternions import quaternions_wxyz
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -96,7 +96,7 @@ class RobotScene:
     def move(self, link_poses: Array) -> None:
         """Move the links to poses (links, 4, 4) [m]."""
         numbers = list(self.link_frames)
-        quaternions = to_scipy_rotation(link_poses[numbers, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
+        quaternions = quaternions_wxyz(link_poses[numbers, :3, :3])
         for number, quaternion in zip(numbers, quaternions, strict=True):
             frame = self.link_frames[number]
             position = link_poses[number, :3, 3]

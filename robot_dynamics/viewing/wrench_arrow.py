@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robot_dynamics.model.placement import to_scipy_rotation
+from robot_dynamics.viewing.viewer_quaternions import quaternions_wxyz
 
 if TYPE_CHECKING:
     from viser import SceneApi
@@ -80,5 +80,5 @@ class WrenchArrow:
         if self._frame is None:
             return
         pose = link_poses[self._frame.link] @ self._frame.placement
-        self.root.wxyz = to_scipy_rotation(pose[:3, :3]).as_quat()[[3, 0, 1, 2]]
+        self.root.wxyz = quaternions_wxyz(pose[:3, :3])
         self.root.position = pose[:3, 3]
