@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from robot_dynamics.errors import INTERRUPTED_EXIT_STATUS, RobotDynamicsError
+from robot_dynamics.errors import INTERRUPTED_EXIT_STATUS, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.optional_packages import missing_package_error
 from robot_dynamics.version import package_version
 
@@ -43,10 +43,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     or the status that the verb returns.
     """
     try:
-        parser = build_parser(verb_modules())
+        verbs = verb_modules()
     except RobotDynamicsError as error:
         print(error, file=sys.stderr)
         return 1
+    parser = build_parser(verbs)
+    _refuse_unknown_verb(parser, sys.argv[1:] if arguments is None else arguments, [verb.NAME for verb in verbs])
     parsed, unknown = parser.parse_known_args(arguments)
     verb_parser = parsed.parser
     del parsed.parser  # verbs send their arguments to other processes
@@ -78,6 +80,12 @@ def build_parser(modules: Sequence[ModuleType]) -> argparse.ArgumentParser:
         verb.add_arguments(verb_parser)
         verb_parser.set_defaults(run=verb.run, parser=verb_parser)  # whose usage an error shows
     return parser
+
+
+def _refuse_unknown_verb(parser: argparse.ArgumentParser, arguments: Sequence[str], known: Sequence[str]) -> None:
+    """Exit with the most similar verbs where the first argument is none of them: argparse lists all."""
+    if arguments and not arguments[0].startswith("-") and arguments[0] not in known:
+        parser.error(describe_unknown_name("verb", arguments[0], known))
 
 
 def run_verb(parsed: argparse.Namespace) -> int:

@@ -41,7 +41,7 @@ def refuse_open(
         condition = f"(condition number {topology.condition_number(result.t[sample]):.3g})"
         name, distance, angle = find_widest_loop(robot, result.residual[sample])
     if not residual <= CLOSURE_TOLERANCE:
-        hint = ". These positions are out of reach, or need a seed of all joints nearer to where it closes"
+        hint = ". These positions are out of reach; if they are not, give positions of all joints near the solution"
         if residual < NEARLY_CLOSED_RESIDUAL:
             hint = "; if it is meant to close there, its axes or lengths are not exact"
         raise SingularModelError(

@@ -55,6 +55,8 @@ def resolve_mesh(shape: MeshShape, packages: Mapping[str, Path] | None = None) -
     ------
     InvalidInputError
         If there is no such file, or if it is not allowed. The message says why.
+    UnknownPackageError
+        If the package is not known.
     """
     file, packages = shape.file, packages or {}
     if "\0" in file or len(file) > MAX_NAME_LENGTH:
@@ -77,13 +79,32 @@ def resolve_mesh(shape: MeshShape, packages: Mapping[str, Path] | None = None) -
         raise _refusal(file, "its path cannot be resolved") from None
 
 
+class UnknownPackageError(InvalidInputError):
+    """The package of a mesh is not known.
+
+    Attributes
+    ----------
+    reason : str
+        The end of the message, without the name of the mesh.
+    """
+
+    def __init__(self, file: str, package: str) -> None:
+        remedy = f"give its folder (--package {package}=FOLDER), or source its workspace"
+        self.reason = f"no package {package!r} is known: {remedy}"
+        super().__init__(_refusal_text(file, self.reason))
+
+
 class _RefusedError(Exception):
     """A file is refused; the message says why."""
 
 
 def _refusal(file: str, reason: str) -> InvalidInputError:
     """Return the error for a file."""
-    return InvalidInputError(f"mesh {file[:200]!r} is not read: {reason}")
+    return InvalidInputError(_refusal_text(file, reason))
+
+
+def _refusal_text(file: str, reason: str) -> str:
+    return f"mesh {file[:200]!r} is not read: {reason}"
 
 
 def _resolve_in_package(path: str, folder: Path | None, packages: Mapping[str, Path]) -> Path:
@@ -93,8 +114,7 @@ def _resolve_in_package(path: str, folder: Path | None, packages: Mapping[str, P
         raise _RefusedError(f"{name[:60]!r} is not the name of a package")
     roots = list(package_folders(name, folder, packages))
     if not roots:
-        remedy = f"Give its folder (--package {name}=FOLDER), or source its workspace"
-        raise _RefusedError(f"no package {name!r} is known. {remedy}")
+        raise UnknownPackageError(f"package://{path}", name)
     paths = [_resolve_inside(root / inner.lstrip("/"), [root], name) for root in roots]
     existing = [path for path in paths if path is not None and path.exists()]
     if not existing and None in paths:

@@ -13,7 +13,7 @@ import numpy as np
 from robot_dynamics.errors import InvalidInputError, MissingPackageError
 from robot_dynamics.model.visual import MeshShape
 from robot_dynamics.optional_packages import import_optional
-from robot_dynamics.viewing.mesh_files import MAX_MESH_BYTES, MESH_SUFFIXES, resolve_mesh
+from robot_dynamics.viewing.mesh_files import MAX_MESH_BYTES, MESH_SUFFIXES, UnknownPackageError, resolve_mesh
 from robot_dynamics.viewing.mesh_materials import MaterialFiles, NoFiles
 from robot_dynamics.viewing.mesh_sizes import MAX_FACES, check_mesh_text
 
@@ -51,10 +51,12 @@ def load_visual_meshes(
         Meshes by the index of their visual in `robot.visuals`, in the units of their files: multiply the coordinates
         by `MeshShape.scale`. Visuals with the same file share one mesh.
     warnings : tuple of str
-        A sentence for each file that is missing, refused or broken, with the link that has it.
+        A sentence for each package that is not known, and for each file that is missing, refused or broken, with the
+        link that has it.
     """
     meshes: dict[int, Trimesh] = {}
     by_path: dict[Path, Trimesh] = {}
+    packageless: dict[str, set[str]] = {}
     failures: dict[str, str] = {}
     size = 0
     for number, visual in enumerate(robot.visuals):
@@ -68,12 +70,20 @@ def load_visual_meshes(
                     raise InvalidInputError(f"mesh {path.name!r}: the files have more than {MAX_ROBOT_BYTES} bytes")
                 by_path[path] = load_mesh(path)
             meshes[number] = by_path[path]
+        except UnknownPackageError as error:
+            packageless.setdefault(error.reason, set()).add(visual.shape.file)
         except (InvalidInputError, MissingPackageError, OSError) as error:
             failures[visual.shape.file] = f"link {visual.frame[:60]!r}: {error}"
-    warnings = list(failures.values())
+    warnings = [f"{_describe_meshes(files)} not read: {reason}" for reason, files in packageless.items()]
+    warnings += failures.values()
     if len(warnings) > MAX_WARNINGS:
         warnings[MAX_WARNINGS:] = [f"{len(warnings) - MAX_WARNINGS} further meshes are not read"]
     return meshes, tuple(warnings)
+
+
+def _describe_meshes(files: set[str]) -> str:
+    first = sorted(files)[0][:200]
+    return f"mesh {first!r} is" if len(files) == 1 else f"{len(files)} meshes, {first!r} and others, are"
 
 
 def load_mesh(path: Path) -> Trimesh:

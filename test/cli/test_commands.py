@@ -326,3 +326,9 @@ def test_urdf_is_shown_without_rounding_errors_and_converted_with_notes(tmp_path
     assert "left out: limits of 'k'" in printed and "robot_state_publisher" not in printed
     assert main(["convert", str(path), str(tmp_path / "out.urdf")]) == 0
     assert "without collision shapes" in capsys.readouterr().err
+
+
+def test_misspelt_verb_is_refused_with_the_nearest_ones(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["shwo", "panda"])
+    assert "unknown verb 'shwo': did you mean 'show'?" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Mesh files: those of real robots are Pinocchio's; a hostile name reaches no file outside the allowed folders."""
 
 import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -182,7 +183,8 @@ def test_hostile_name_is_refused_unopened(case, package, tmp_path, monkeypatch):
         resolve_mesh(shape)
     assert len(str(error.value)) < 500
     meshes, (warning,) = load_visual_meshes(robot)
-    assert not meshes and warning.startswith("link 'panda_link1': mesh ") and len(warning) < 600
+    begin = "mesh " if "no package" in warning else "link 'panda_link1': mesh "
+    assert not meshes and warning.startswith(begin) and len(warning) < 600
 
 
 def test_description_without_a_folder_names_no_relative_file(package, monkeypatch):
@@ -221,3 +223,13 @@ def test_number_of_warnings_is_limited(package):
     visuals = tuple(Visual("panda_link1", np.eye(4), shape) for shape in shapes)
     meshes, warnings = load_visual_meshes(replace(load_robot("panda"), visuals=visuals))
     assert not meshes and len(warnings) == 21 and warnings[-1] == "480 further meshes are not read"
+
+
+def test_unknown_package_is_named_once():
+    """Of all meshes of a real robot, whose package is not known."""
+    text = (ROBOTS / "panda_description" / "urdf" / "panda.urdf").read_text()
+    robot = load_robot(text.replace("package://", "package://unknown_"))
+    _, warnings = load_visual_meshes(robot)
+    (warning,) = warnings
+    assert re.match(r"\d+ meshes, 'package://unknown_.*' and others, are not read: no package 'unknown_", warning)
+    assert warning.count("--package") == 1
