@@ -25,12 +25,12 @@ Coulomb friction of controlled joints are adapted too, if they are not zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.control.natural_adaptation import AdaptationLimits, NaturalAdaptation
+from robot_dynamics.control.natural_adaptation import NaturalAdaptation
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.inertia import Inertia, symmetric_matrix
@@ -38,28 +38,11 @@ from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMET
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
+    from robot_dynamics.control.natural_adaptation import AdaptationLimits, AdaptationSettings
     from robot_dynamics.model.robot import Robot
 
 COLUMNS = len(LINK_PARAMETERS) + len(JOINT_PARAMETERS)
 """Columns of the regressor for each link with its joint."""
-
-
-@dataclass(frozen=True)
-class AdaptationSettings:
-    """Settings of the adaptation.
-
-    Attributes
-    ----------
-    gain : float
-        γ [1/J]: an error of 1 W for 1 s changes parameters by about this fraction. Zero: no adaptation.
-    dead_zone : float
-        Largest component of s [rad/s or m/s] at which nothing is adapted, so that noise does not move parameters.
-    limits : AdaptationLimits
-    """
-
-    gain: float = 1.0
-    dead_zone: float = 0.01
-    limits: AdaptationLimits = field(default_factory=AdaptationLimits)
 
 
 class AdaptiveLaw:

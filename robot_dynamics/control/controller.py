@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.control.adaptive_law import AdaptationSettings
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
 from robot_dynamics.control.modes import ADAPTIVE, COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
+from robot_dynamics.control.natural_adaptation import AdaptationSettings
 from robot_dynamics.control.reference import ReferencePoint, ScheduledTrajectory, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError

@@ -21,7 +21,7 @@ P̂ = L Lᵀ. It is positive definite for any h, and equals the law to first ord
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,8 +48,26 @@ class AdaptationLimits:
         Largest relative rate of change [1/s].
     """
 
-    max_ratio: float = 3.0
+    max_ratio: float = 20.0
     max_rate: float = 2.0
+
+
+@dataclass(frozen=True)
+class AdaptationSettings:
+    """Settings of the adaptation.
+
+    Attributes
+    ----------
+    gain : float
+        γ [1/J]: an error of 1 W for 1 s changes parameters by about this fraction. Zero: no adaptation.
+    dead_zone : float
+        Largest component of s [rad/s or m/s] at which nothing is adapted, so that noise does not move parameters.
+    limits : AdaptationLimits
+    """
+
+    gain: float = 1.0
+    dead_zone: float = 0.01
+    limits: AdaptationLimits = field(default_factory=AdaptationLimits)
 
 
 class NaturalAdaptation:
