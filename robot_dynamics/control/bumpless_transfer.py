@@ -54,6 +54,11 @@ class BumplessTransfer:
         self._transition_start = None
         self._is_requested = False
 
+    @property
+    def is_in_transition(self) -> bool:
+        """Whether the last efforts are not those desired, apart from their limits."""
+        return self._transition_start is not None
+
     def update(self, now: float, desired: Array) -> Array:
         """Efforts (size,) at a time [s] for the desired ones (size,), which are not changed."""
         if self._is_requested:

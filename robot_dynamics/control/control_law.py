@@ -9,6 +9,7 @@ Control of Robots, section 14.4):
     pd_gravity            ID(q, 0, K_p e + K_d ė)
     feedforward           ID(q_d, q̇_d, q̈_d) + f(q̇_d)
     computed_torque       ID(q, q̇, q̈_d + K_p e + K_d ė) + f(q̇_f)
+    adaptive_computed_torque  of `adaptive_law`
 
 The velocity of friction q̇_f is that of the reference, q̇_d, or the measured one, q̇. If the model is exact and no effort
 is at its limit, computed_torque leaves
@@ -40,6 +41,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.control.adaptive_law import AdaptiveLaw
 from robot_dynamics.control.law_models import LawModels
 from robot_dynamics.control.link_side import LinkSide
 from robot_dynamics.control.modes import MEASURED, REFERENCE
@@ -51,6 +53,7 @@ from robot_dynamics.newton_euler.friction import load_friction
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray, IntArray
     from robot_dynamics.control.modes import FrictionVelocity
+    from robot_dynamics.control.natural_adaptation import AdaptationLimits
     from robot_dynamics.control.reference import Reference
     from robot_dynamics.dynamics import Dynamics
 
@@ -69,6 +72,8 @@ class ControlLaw:
     joints : sequence of str
         Names of the joints that get efforts, in the order of the efforts. Other actuated joints are held by another
         controller, and do not accelerate.
+    adaptation : AdaptationLimits, optional
+        Prepares adaptive_computed_torque with these limits. Default: it is not available.
 
     Attributes
     ----------
@@ -83,22 +88,26 @@ class ControlLaw:
     twist, gravity : ndarray, shape (6,) and (3,)
         Twist of a moving base and gravity, both in the base frame, buffers to write into.
     elastic_actuators : SeriesElasticActuators
+    adaptive : AdaptiveLaw or None
+        The adaptive law with its parameters.
     error, rate_error : ndarray, shape (joints,)
         Errors e and ė of the last call with a reference.
 
     Raises
     ------
     InvalidInputError
-        A joint is unknown, dependent, unactuated or named twice, or the spring behind it cannot be compensated.
+        A joint is unknown, dependent, unactuated or named twice, or the spring behind it cannot be compensated;
+        or the robot cannot be adapted.
     RobotDynamicsError
         There are no joints.
     """
 
-    def __init__(self, dynamics: Dynamics, joints: Sequence[str]) -> None:
+    def __init__(self, dynamics: Dynamics, joints: Sequence[str], adaptation: AdaptationLimits | None = None) -> None:
         robot = dynamics.robot
         self.dynamics = dynamics
         self.joints = tuple(joints)
         self.joint_indices = _find_joint_indices(dynamics, self.joints)
+        self.adaptive = None if adaptation is None else AdaptiveLaw(dynamics, self.joint_indices, adaptation)
         joint_count = len(dynamics.joint_names)
         self.q = np.zeros(joint_count)
         self.qd = np.zeros(joint_count)
@@ -306,6 +315,25 @@ class ControlLaw:
         positions = self._measured_positions(q)
         self._write_efforts(positions, qd, accelerations, out, springs_accelerate=True)
         self._add_friction(positions, qd if friction_velocity == MEASURED else self._reference_velocities, out)
+
+    def adaptive_computed_torque(self, reference: Array, kp: Array | float, kd: Array | float, out: Array) -> None:
+        """Efforts of the adaptive law, with the present parameters.
+
+        Parameters
+        ----------
+        reference : ndarray, shape (3, joints)
+            Positions, velocities and accelerations of the controlled joints.
+        kp, kd : ndarray, shape (joints,), or float
+            Gains [1/s²] and [1/s], the latter above zero.
+        out : ndarray, shape (joints,)
+            Efforts [N m or N], written.
+        """
+        assert self.adaptive is not None, "the mode is refused without it"
+        self._compute_errors(reference)
+        self._reference_velocities[self.joint_indices] = reference[1]
+        positions = self._measured_positions(self.q)
+        self.adaptive.efforts(positions, self.qd, reference, (self.error, self.rate_error), kp, kd, out)
+        self._add_friction(positions, self._reference_velocities, out)
 
     def _compute_errors(self, reference: Array) -> None:
         """Errors of the state from a reference (3, joints), without whole turns of joints that turn endlessly."""

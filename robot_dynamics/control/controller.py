@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
-from robot_dynamics.control.modes import COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
+from robot_dynamics.control.modes import ADAPTIVE, COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
+from robot_dynamics.control.natural_adaptation import AdaptationSettings
 from robot_dynamics.control.reference import ReferencePoint, ScheduledTrajectory, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
@@ -27,8 +28,8 @@ class Settings:
 
     Parameters
     ----------
-    mode : {"gravity_compensation", "feedforward", "computed_torque", "pd_gravity"}
-        Control law.
+    mode : {"gravity_compensation", "feedforward", "computed_torque", "pd_gravity", "adaptive_computed_torque"}
+        Control law. The last one needs a ControlLaw with `adaptive`, and kd above zero.
     kp, kd : ndarray, shape (joints,)
         Gains of the position error [1/s²] and of the velocity error [1/s].
     limits : ndarray, shape (joints,)
@@ -47,6 +48,8 @@ class Settings:
         Number of late efforts in a row that are a fault.
     friction_velocity : {"reference", "measured"}
         Velocity at which computed_torque compensates friction.
+    adaptation : AdaptationSettings
+        Of the mode adaptive_computed_torque.
     """
 
     mode: ControlMode
@@ -60,6 +63,7 @@ class Settings:
     deadline: float = 0.005
     deadline_misses: int = 10
     friction_velocity: FrictionVelocity = REFERENCE
+    adaptation: AdaptationSettings = field(default_factory=AdaptationSettings)
 
 
 class Controller:
@@ -84,6 +88,8 @@ class Controller:
         Reason of the present fault; empty without a fault.
     activity : str
         The control mode in use, "fault", or "no reference: " and the action.
+    adaptation : str
+        "active", or why nothing is adapted; empty in other modes.
 
     Notes
     -----
@@ -101,6 +107,8 @@ class Controller:
         self.reference = np.zeros((3, joint_count))
         self.fault = ""
         self.activity = ""
+        self.adaptation = ""
+        self._adapted_at = -math.inf  # [s]
         self._transfer = BumplessTransfer(joint_count, settings.ramp_time, settings.limits)
         self._desired_efforts = np.zeros(joint_count)
         self._zero_efforts = np.zeros(joint_count)
@@ -407,7 +415,23 @@ class Controller:
         if not math.isfinite(self._desired_efforts.dot(self._desired_efforts)):
             return self._fail(now, "the model gives efforts that are not finite in this state")
         self._enter_regime(activity)
-        return self._transfer.update(now, self._desired_efforts)
+        efforts = self._transfer.update(now, self._desired_efforts)
+        self.adaptation = self._adapt(now) if activity == ADAPTIVE else ""
+        return efforts
+
+    def _adapt(self, now: float) -> str:
+        """Adapt the parameters of the law to the present efforts, unless others were sent; returns what was done."""
+        step = now - self._adapted_at
+        self._adapted_at = now
+        if self.saturated.any():
+            return "frozen: an effort is at its limit"
+        if self._transfer.is_in_transition:
+            return "frozen: efforts are in a transition"
+        if not 0 < step <= self.settings.state_timeout:
+            return "frozen: there was no state for too long"
+        adaptive = self.law.adaptive
+        assert adaptive is not None, "the mode is refused without it"
+        return "active" if adaptive.adapt(step, self.settings.adaptation) else "frozen: the error is in the dead zone"
 
     def _fail(self, now: float, reason: str) -> Array:
         self.watchdog.reject_state(reason)
@@ -418,6 +442,7 @@ class Controller:
         since = self.watchdog.faulted_since
         assert since is not None  # there is a fault
         self._enter_regime("fault", since)
+        self.adaptation = "frozen: fault" if self.settings.mode == ADAPTIVE else ""
         self._last_fault = since, now
         if since < self._source_time <= now:  # the reference came during the fault
             since = self._source_time
@@ -454,6 +479,8 @@ class Controller:
             law.feedforward(self.reference, out)
         elif mode == PD_GRAVITY:
             law.pd_gravity(self.reference, settings.kp, settings.kd, out)
+        elif mode == ADAPTIVE:
+            law.adaptive_computed_torque(self.reference, settings.kp, settings.kd, out)
         return mode
 
     def _apply_without_reference(self, out: Array) -> str:

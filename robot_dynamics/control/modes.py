@@ -2,7 +2,9 @@
 
 from typing import Literal, TypeAlias
 
-ControlMode: TypeAlias = Literal["gravity_compensation", "feedforward", "computed_torque", "pd_gravity"]
+ControlMode: TypeAlias = Literal[
+    "gravity_compensation", "feedforward", "computed_torque", "pd_gravity", "adaptive_computed_torque"
+]
 NoReferenceAction: TypeAlias = Literal["gravity", "damp", "zero"]
 FrictionVelocity: TypeAlias = Literal["reference", "measured"]
 
@@ -10,7 +12,8 @@ GRAVITY: Literal["gravity_compensation"] = "gravity_compensation"
 FEEDFORWARD: Literal["feedforward"] = "feedforward"
 COMPUTED_TORQUE: Literal["computed_torque"] = "computed_torque"
 PD_GRAVITY: Literal["pd_gravity"] = "pd_gravity"
-MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
+ADAPTIVE: Literal["adaptive_computed_torque"] = "adaptive_computed_torque"
+MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY, ADAPTIVE)
 NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
 REFERENCE: Literal["reference"] = "reference"
 MEASURED: Literal["measured"] = "measured"

@@ -22,6 +22,7 @@ from robot_dynamics.identification.description_prior import CHARACTERISTIC_LENGT
 from robot_dynamics.identification.friction_terms import SHIFT_PARAMETER
 from robot_dynamics.identification.identified_robot import identified_drives, identified_robot
 from robot_dynamics.newton_euler.friction import FRICTION_PARAMETERS
+from robot_dynamics.newton_euler.pseudo_inertia import PSEUDO_INERTIA_ENTRIES, TRIANGLE
 from robot_dynamics.newton_euler.regressor import JOINT_PARAMETERS, LINK_PARAMETERS
 from robot_dynamics.optional_packages import import_optional
 
@@ -36,19 +37,6 @@ if TYPE_CHECKING:
 PRIOR_WEIGHT = 1.0  # weight of the description, relative to residuals in units of their standard deviation
 OFFSET_PRIOR_WEIGHT = 1e-6  # weight of zero for joint offsets and losses of coupled motors
 MIN_EIGENVALUE = 1e-7  # smallest eigenvalue of a pseudo-inertia, in units of the scale of its link
-# Entries of the upper triangle of a pseudo-inertia, column by column, as sums of LINK_PARAMETERS.
-PSEUDO_INERTIA_ENTRIES: tuple[dict[str, float], ...] = (
-    {"XX": -0.5, "YY": 0.5, "ZZ": 0.5},
-    {"XY": -1.0},
-    {"XX": 0.5, "YY": -0.5, "ZZ": 0.5},
-    {"XZ": -1.0},
-    {"YZ": -1.0},
-    {"XX": 0.5, "YY": 0.5, "ZZ": -0.5},
-    {"MX": 1.0},
-    {"MY": 1.0},
-    {"MZ": 1.0},
-    {"M": 1.0},
-)
 DIAGONAL_ENTRIES = (0, 2, 5, 9)
 
 
@@ -215,12 +203,11 @@ def _pseudo_inertia_constraint(first: int, scale: Array) -> _ConeConstraint:
     """
     clarabel = import_convex_solver()
     units = (CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, CHARACTERISTIC_LENGTH, 1.0)  # of rows and columns
-    triangle = [(row, column) for column in range(4) for row in range(column + 1)]
     mass = scale[first + 9]
     columns = dict(zip(LINK_PARAMETERS, range(first, first + 10), strict=True))
     rows: list[Array] = []
     bounds: list[float] = []
-    for number, ((row, column), entries) in enumerate(zip(triangle, PSEUDO_INERTIA_ENTRIES, strict=True)):
+    for number, ((row, column), entries) in enumerate(zip(TRIANGLE, PSEUDO_INERTIA_ENTRIES, strict=True)):
         constraint = np.zeros(len(scale))
         unit = mass * units[row] * units[column]
         for key, factor in entries.items():

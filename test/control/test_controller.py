@@ -9,6 +9,7 @@ from robot_dynamics import Dynamics, Inertia, InvalidInputError, load_robot
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.control.controller import Controller, Settings
 from robot_dynamics.control.modes import MODES
+from robot_dynamics.control.natural_adaptation import AdaptationLimits
 
 ARM = """
 robot: two_links
@@ -16,7 +17,7 @@ joints:
   - {joint: shoulder, link: upper_arm, mdh: {alpha: pi/2}, mass: 3, first_moments: [0.6, 0, 0], inertia: {zz: 0.16}}
   - {joint: elbow, link: forearm, mdh: {d: 0.4}, mass: 1, first_moments: [0.15, 0, 0], inertia: {zz: 0.03}}
 """
-LAW = ControlLaw(Dynamics(load_robot(ARM)), ("elbow", "shoulder"))
+LAW = ControlLaw(Dynamics(load_robot(ARM)), ("elbow", "shoulder"), AdaptationLimits())
 LIMITS = np.array([8.0, 30.0])
 MS = 1e-3
 

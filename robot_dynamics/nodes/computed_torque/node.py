@@ -17,8 +17,10 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
+from robot_dynamics.control.modes import ADAPTIVE
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
+from robot_dynamics.nodes.computed_torque.adapted_model import AdaptedModel
 from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, PreparedLaw, RejectedLaw
 from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
 from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
@@ -27,6 +29,7 @@ from robot_dynamics.nodes.computed_torque.message_times import MessageTimes
 from robot_dynamics.nodes.computed_torque.outputs import QOS_OVERRIDES, ControlOutputs
 from robot_dynamics.nodes.computed_torque.parameters import (
     PARAMETERS,
+    adaptation_limits,
     describe_settings,
     limits_warning,
     settings_from_parameters,
@@ -72,9 +75,9 @@ class ComputedTorque(RobustLifecycleNode):
     topic robot_description: computed_torque --ros-args -p robot_file:=panda
 
     The reference is a trajectory on ~/reference, or single points on ~/reference_point (both JointTrajectory).
-    Parameter mode selects the control law: gravity_compensation, feedforward, computed_torque or pd_gravity. ~/state
-    has reference, feedback, error and output. If the state is stale or invalid, efforts go to zero in ramp_time and
-    zeros are sent from then on; /diagnostics has the reason.
+    Parameter mode selects the control law: gravity_compensation, feedforward, computed_torque, pd_gravity or
+    adaptive_computed_torque. ~/state has reference, feedback, error and output. If the state is stale or invalid,
+    efforts go to zero in ramp_time and zeros are sent from then on; /diagnostics has the reason.
     """
 
     def __init__(self, **arguments: Any) -> None:
@@ -104,6 +107,7 @@ class ComputedTorque(RobustLifecycleNode):
         )
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._references = ReferenceInputs(self, lambda: self._loop)
+        self._adapted_model = AdaptedModel(self, lambda: self._loop, self._worker)
         self._subscribe()
         # a timer of the machine's time: that of a simulation may stand still
         self._timer = self.create_timer(
@@ -146,7 +150,7 @@ class ComputedTorque(RobustLifecycleNode):
         logger = self.get_logger()
         try:
             dynamics = self._robot.dynamics
-            law = ControlLaw(dynamics, self._values["joints"] or actuated_joint_names(dynamics))
+            law = self._make_law(dynamics, self._values["joints"] or actuated_joint_names(dynamics))
             settings = self._settings(self._values, dynamics, law.joints)
         except RobotDynamicsError as error:
             self._configuration_error = f"not configured: {error}"
@@ -225,11 +229,15 @@ class ComputedTorque(RobustLifecycleNode):
     def _prepare_law(self, loop: ControlLoop, dynamics: Dynamics) -> None:
         joints = loop.law.joints
         try:
-            law = ControlLaw(dynamics, joints)
+            law = self._make_law(dynamics, joints)
             loop.prepared = PreparedLaw(law, self._settings(self._values, dynamics, joints))
         except Exception as error:
             reason = failure_reason(self.get_logger(), error)
             loop.prepared = RejectedLaw(f"the description of {dynamics.robot.name!r} does not fit: {reason}")
+
+    def _make_law(self, dynamics: Dynamics, joints: Sequence[str]) -> ControlLaw:
+        is_adaptive = self._values["mode"] == ADAPTIVE
+        return ControlLaw(dynamics, joints, adaptation_limits(self._values) if is_adaptive else None)
 
     def _settings(self, values: ParameterValues, dynamics: Dynamics, joints: Sequence[str]) -> Settings:
         return settings_from_parameters(values, dynamics, joints, self._robot.is_massless(dynamics))
@@ -241,7 +249,11 @@ class ComputedTorque(RobustLifecycleNode):
             changes = validate_changes(PARAMETERS, parameters)
             if self._loop is not None:
                 law = self._loop.law
-                self._settings({**self._values, **changes}, law.dynamics, law.joints)
+                settings = self._settings({**self._values, **changes}, law.dynamics, law.joints)
+                if settings.mode == ADAPTIVE and law.adaptive is None:
+                    raise InvalidInputError(
+                        f"parameter mode: {ADAPTIVE} is prepared when the node is configured: call cleanup first"
+                    )
 
         return try_parameter_change(change)
 
@@ -310,6 +322,7 @@ class ComputedTorque(RobustLifecycleNode):
             "standstills": self._loop.controller.watchdog.stall_count if self._loop is not None else 0,
             "references refused": self._references.refused_count,
             "last refusal": self._references.last_refusal,
+            **self._adapted_model.diagnostics(),
         }
         health = control_health(
             self._robot, self._loop, self._configuration_error, self._references.refusal, conflicts, misses

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.control.controller import Settings
-from robot_dynamics.control.modes import COMPUTED_TORQUE, FRICTION_VELOCITIES, MODES, NO_REFERENCE_ACTIONS, REFERENCE
+from robot_dynamics.control.modes import (
+    ADAPTIVE,
+    COMPUTED_TORQUE,
+    FRICTION_VELOCITIES,
+    MODES,
+    NO_REFERENCE_ACTIONS,
+    REFERENCE,
+)
+from robot_dynamics.control.natural_adaptation import AdaptationLimits, AdaptationSettings
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.model.joint import UNLIMITED
 from robot_dynamics.model.robot import MASSLESS_WARNING
@@ -19,6 +27,7 @@ if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.nodes.parameters import ParameterValues
 
+SMALLEST_RATIO = 1.001  # of adaptation.max_ratio
 SHORTEST_TIME = 1e-4  # [s] smallest value of timeouts
 
 PARAMETERS = by_name(
@@ -84,6 +93,27 @@ PARAMETERS = by_name(
         "control a robot whose description has no masses: friction alone is then compensated",
     ),
     ParameterSpec("state_rate", 50.0, "maximum rate of ~/state [1/s]; 0: never", lower_bound=0.0),
+    ParameterSpec(
+        "adaptation.gain",
+        20.0,
+        "of mode adaptive_computed_torque [1/J]: a wrong power of 1 W for 1 s changes parameters by about this part",
+        lower_bound=0.0,
+    ),
+    ParameterSpec(
+        "adaptation.dead_zone",
+        0.01,
+        "filtered error of the velocity [rad/s or m/s] up to which nothing is adapted",
+        lower_bound=0.0,
+    ),
+    ParameterSpec(
+        "adaptation.max_ratio",
+        20.0,
+        "largest ratio of an adapted parameter to that of the description, or of that to it",
+        lower_bound=SMALLEST_RATIO,
+    ),
+    ParameterSpec(
+        "adaptation.max_rate", 2.0, "largest relative rate of change of an adapted parameter [1/s]", lower_bound=0.0
+    ),
     ParameterSpec("autostart", True, "configure and activate the node when it has a robot", read_at="configuration"),
 )
 
@@ -110,10 +140,13 @@ def settings_from_parameters(
         limits = _expand_to_joints("effort_limits", effort_limits, joints, allow_one=False)
     else:
         limits = _limits_of_description(dynamics, joints)
+    kd = _expand_to_joints("kd", values["kd"], joints)
+    if values["mode"] == ADAPTIVE and not (kd > 0).all():
+        raise InvalidInputError(f"parameter kd: mode {ADAPTIVE} needs gains above 0, and {kd.tolist()} has others")
     return Settings(
         mode=values["mode"],
         kp=_expand_to_joints("kp", values["kp"], joints),
-        kd=_expand_to_joints("kd", values["kd"], joints),
+        kd=kd,
         limits=limits,
         without_reference=values["without_reference"],
         state_timeout=values["state_timeout"],
@@ -122,7 +155,15 @@ def settings_from_parameters(
         deadline=values["deadline"],
         deadline_misses=values["deadline_misses"],
         friction_velocity=values["friction_velocity"],
+        adaptation=AdaptationSettings(
+            values["adaptation.gain"], values["adaptation.dead_zone"], adaptation_limits(values)
+        ),
     )
+
+
+def adaptation_limits(values: ParameterValues) -> AdaptationLimits:
+    """Return the limits of the adaptation of validated parameters."""
+    return AdaptationLimits(values["adaptation.max_ratio"], values["adaptation.max_rate"])
 
 
 def describe_settings(settings: Settings) -> str:
