@@ -113,7 +113,8 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/viewer.py
 
 soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
-	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen -k "hexapod_stack or delta_wrist or navaro or orthoglide" --timeout 900
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen -k "hexapod_stack or delta or navaro or orthoglide or andrews_squeezer or bricard or tiago_pro" --timeout 900
+	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/simulation/test_compiled_steps.py test/simulation/test_loops_at_speed.py test/parallel/test_shipped_platforms.py --timeout 900
 	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/viewing/test_viewer.py
 	EVERY_PART=1 .venv/bin/python -m pytest -s test/checking/test_long_recordings.py
 	PROGRAM_STATES=40 .venv/bin/python -m pytest -s test/constraints/test_closed_loops.py -k compiled_programs --timeout 900

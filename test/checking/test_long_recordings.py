@@ -66,7 +66,7 @@ def test_check_of_parts_is_that_of_the_whole(path):
             assert getattr(ours.joint, field) == pytest.approx(getattr(theirs.joint, field), rel=1e-4), field
 
 
-@pytest.mark.slow
+@pytest.mark.skipif("EVERY_PART" not in os.environ, reason="takes long: a part of `make soak`")
 def test_check_with_a_cluster_is_that_of_one_process(path, executor):
     options = replace(OPTIONS, part_messages=PART_MESSAGES, faults=True)
     local, remote = check(path, options), check(path, options, executor)
@@ -145,7 +145,7 @@ def sums(path, executor=None, **options):
     return factors, samples.quality(values), samples.notes
 
 
-@pytest.mark.slow
+@pytest.mark.skipif("EVERY_PART" not in os.environ, reason="takes long: a part of `make soak`")
 def test_sums_for_identification_are_those_of_one_process_and_of_the_whole(path, executor, monkeypatch):
     options = {"end_fraction": 0.8}
     whole, whole_quality, whole_notes = sums(path, **options)
@@ -161,6 +161,7 @@ def test_sums_for_identification_are_those_of_one_process_and_of_the_whole(path,
     np.testing.assert_allclose(local.effective_samples, whole.effective_samples, rtol=1e-3)
 
 
+@pytest.mark.skipif("EVERY_PART" not in os.environ, reason="takes long: a part of `make soak`")
 def test_recording_whose_parts_depend_on_each_other_is_read_as_a_whole(path, monkeypatch):
     whole = check(path, OPTIONS).check
 

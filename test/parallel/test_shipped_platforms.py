@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from peers.large_robots import each_robot
 from peers.loop_states import loop_gaps, mobility
 from peers.maximal_coordinates import MaximalCoordinates
 from peers.reachable import closed_at_poses, free_coordinates, limits_of
@@ -35,7 +36,7 @@ def independent(dynamics):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PARALLEL)
+@pytest.mark.parametrize("name", each_robot(PARALLEL))
 def test_legs_close_far_from_singular_wherever_the_platform_may_be(name):
     robot = load_robot(name, strict=True)
     dynamics = Dynamics(robot)

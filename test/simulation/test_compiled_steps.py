@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from peers.large_robots import each_robot
 
 pytest.importorskip("llvmlite")
 from peers.frictions import with_random_friction
@@ -60,7 +61,7 @@ def with_heavy_base(robot):
     return replace(robot, links=(replace(base, inertia=inertia), *links))
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", each_robot(ROBOTS))
 def test_steps_in_machine_code_and_in_python_agree(name):
     assert_steps_agree(load_robot(name))
 

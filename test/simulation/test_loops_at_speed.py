@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from peers.five_bar import FiveBar
 from peers.four_bar import FourBar
+from peers.large_robots import each_robot
 from peers.planar_lagrange import JointProperties, PlanarBody, random_body, random_plane
 from peers.reframed import reframed
 
@@ -144,7 +145,7 @@ def test_random_five_bars_conserve_energy(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LOOPED)
+@pytest.mark.parametrize("name", each_robot(LOOPED))
 def test_shipped_robots_with_loops_conserve_energy(name):
     rng = np.random.default_rng([len(name), 79])
     simulation = Simulation(frictionless(name))

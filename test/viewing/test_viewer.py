@@ -19,13 +19,19 @@ WAIT = 60_000  # [ms]
 LEFT_TO_SOAK = (
     "andrews_squeezer",
     "bricard",
+    "delta",
+    "delta_wrist",
     "five_bar",
     "hexapod_stack",
+    "irb460",
     "manutec_r3",
+    "navaro",
     "orthoglide",
     "puma560",
     "rx90",
     "sr400",
+    "turtlebot3_burger",
+    "ur5e",
 )
 """Robots that are like others of which each run opens the page."""
 

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from peers.large_robots import each_robot
+from peers.large_robots import LARGE_ROBOTS, each_robot
 
 pytest.importorskip("llvmlite")
 from robot_dynamics import Dynamics, InvalidInputError, SingularModelError, load_robot, shipped_robots
@@ -40,7 +40,7 @@ def arguments_near_start(dynamics, rng):
     return q, rng.normal(size=len(numbers)), last
 
 
-@pytest.mark.parametrize("name", each_robot(ROBOTS))
+@pytest.mark.parametrize("name", each_robot(ROBOTS, (*LARGE_ROBOTS, "andrews_squeezer", "bricard")))
 def test_checked_models_agree_with_the_recursions(name):
     dynamics, recursion = ready_dynamics(load_robot(name)), Dynamics(load_robot(name), compiled=False)
     assert dynamics._attempts.keys() <= {*BOUND_MODELS}
