@@ -31,6 +31,10 @@ public:
     /// Strides of the path from the reference positions: the second one is tried where the first one fails.
     static constexpr double strides[] = {0.05, 0.01};
     static constexpr std::size_t max_strides = 700;
+    /// Part of a stride by which its end may deviate from the continuation of the last one, and a further deviation: a
+    /// larger one means that the path bends, or has reached another branch.
+    static constexpr double max_relative_deviation = 0.4;
+    static constexpr double max_absolute_deviation = 1e-3;
     static constexpr int max_iterations = 40;
     static constexpr int max_halvings = 6;
     /// Ratio of the residuals after and before a step above which the iteration ends.
@@ -50,7 +54,7 @@ public:
         }
         const std::size_t variables = loops_->variable_count;
         const std::size_t dependents = loops_->dependent_count;
-        for (auto* values : {&variables_, &trial_, &before_, &increment_}) {
+        for (auto* values : {&variables_, &trial_, &before_, &predicted_, &increment_}) {
             values->assign(variables, 0.0);
         }
         for (auto* values : {&step_, &trial_step_, &pivots_, &squared_norms_}) {
@@ -136,7 +140,7 @@ private:
     {
         set_target(q);
         for (const double stride : strides) {
-            if (follow_path(stride) && is_regular() && determinant_is_positive()) {
+            if (follow_path(stride)) {
                 set_independent(q); // whole turns change nothing
                 return true;
             }
@@ -162,6 +166,7 @@ private:
         }
     }
 
+    /// Follow the path in strides; whether the loops close, are regular and stay in the assembly mode all along.
     bool follow_path(double stride) noexcept
     {
         std::copy(loops_->reference, loops_->reference + loops_->variable_count, variables_.begin());
@@ -173,24 +178,44 @@ private:
         if (!(length <= stride * static_cast<double>(max_strides))) {
             return false;
         }
-        const auto count = static_cast<std::size_t>(std::ceil(length / stride));
+        const auto count = std::max<std::size_t>(1, static_cast<std::size_t>(std::ceil(length / stride)));
         std::copy(variables_.begin(), variables_.end(), before_.begin());
         for (std::size_t number = 1; number <= count; ++number) {
-            const double part = static_cast<double>(number) / static_cast<double>(count);
-            for (std::size_t k = 0; k < variables_.size(); ++k) { // continue as in the last stride
-                const double present = variables_[k];
-                variables_[k] += present - before_[k];
-                before_[k] = present;
+            continue_stride(static_cast<double>(number) / static_cast<double>(count));
+            if (!iterate(max_iterations) || !is_regular() || !determinant_is_positive()) {
+                return false;
             }
-            for (std::size_t k = 0; k < joint_count_; ++k) {
-                const double reference = loops_->reference[loops_->independent[k]];
-                variables_[loops_->independent[k]] = reference + part * (target_[k] - reference);
-            }
-            if (!iterate(max_iterations)) {
+            if (number > 1 && deviates()) { // the first stride continues none
                 return false;
             }
         }
-        return count > 0 || iterate(max_iterations);
+        return true;
+    }
+
+    /// Continue as in the last stride, with the joints of the state at a part of the path.
+    void continue_stride(double part) noexcept
+    {
+        for (std::size_t k = 0; k < variables_.size(); ++k) {
+            const double present = variables_[k];
+            variables_[k] += present - before_[k];
+            before_[k] = present;
+        }
+        for (std::size_t k = 0; k < joint_count_; ++k) {
+            const double reference = loops_->reference[loops_->independent[k]];
+            variables_[loops_->independent[k]] = reference + part * (target_[k] - reference);
+        }
+        std::copy(variables_.begin(), variables_.end(), predicted_.begin());
+    }
+
+    bool deviates() const noexcept
+    {
+        double length = 0.0;
+        double deviation = 0.0;
+        for (std::size_t k = 0; k < variables_.size(); ++k) {
+            length = std::max(length, std::abs(predicted_[k] - before_[k]) / loops_->units[k]);
+            deviation = std::max(deviation, std::abs(variables_[k] - predicted_[k]) / loops_->units[k]);
+        }
+        return deviation > max_relative_deviation * length + max_absolute_deviation;
     }
 
     /// Newton's method with steps of limited length that decrease the residual; whether the loops are closed.
@@ -328,6 +353,7 @@ private:
     std::vector<double> variables_;
     std::vector<double> trial_;
     std::vector<double> before_;
+    std::vector<double> predicted_;
     std::vector<double> increment_;
     std::vector<double> target_;
     std::vector<double> residual_;
