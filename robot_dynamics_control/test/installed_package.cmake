@@ -1,5 +1,7 @@
-# Installs the package and builds a project with it. A model is generated again when its description changes, and wrong
-# arguments are refused in words. Run by ctest: cmake -DBUILD=... -DSOURCE=... -DEXECUTABLE=... -P installed_package.cmake
+# Installs the package and builds a project with it. A model is generated again when its description changes, and
+# wrong arguments are refused in words. Run by ctest:
+#
+#     cmake -DBUILD=... -DSOURCE=... -DEXECUTABLE=... -P installed_package.cmake
 
 set(folder "${BUILD}/test/consumer")
 file(REMOVE_RECURSE "${folder}")

@@ -122,7 +122,8 @@ void no_state_for_state_timeout()
 
 void state_that_is_not_finite_or_incomplete()
 {
-    for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(), 1e200}) {
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    for (const double bad : {nan, std::numeric_limits<double>::infinity(), 1e200}) {
         for (const bool in_velocities : {false, true}) {
             Robot robot;
             robot.run(0.2);
@@ -262,7 +263,8 @@ void late_efforts_in_a_row()
 
 void no_reference()
 {
-    for (const NoReferenceAction action : {NoReferenceAction::gravity, NoReferenceAction::damp, NoReferenceAction::zero}) {
+    for (const NoReferenceAction action :
+        {NoReferenceAction::gravity, NoReferenceAction::damp, NoReferenceAction::zero}) {
         for (const Mode mode : {Mode::computed_torque, Mode::feedforward, Mode::pd_gravity}) {
             Robot robot(mode, action);
             robot.run(0.2);

@@ -1,4 +1,4 @@
-// The law as a controller uses it: a control law, a reference and a watchdog. Efforts never jump and never exceed limits.
+// The law as a controller uses it: a control law, a reference and a watchdog. Efforts never jump, and keep to limits.
 
 #ifndef ROBOT_DYNAMICS_CONTROL_LAW_HPP
 #define ROBOT_DYNAMICS_CONTROL_LAW_HPP
@@ -41,15 +41,15 @@ enum class NoReference {
 
 /// Computes efforts for states that come at times [s] of one clock, and decaying ones where states do not come.
 ///
-/// Configure it, write each state into the buffers of `control_law()`, then call `step`, or `reject_state` where the state
-/// cannot be used. Call `tick` where no state comes. Each returns the efforts to send, in a buffer that the next call
-/// overwrites. All functions but `configure`, `complete`, `describe_fault` and constructors neither allocate nor lock nor throw. One
-/// thread at a time may use an object: what other threads change goes through buffers of the caller.
+/// Configure it, write each state into the buffers of `control_law()`, then call `step`, or `reject_state` where the
+/// state cannot be used. Call `tick` where no state comes. Each returns the efforts to send, in a buffer that the next
+/// call overwrites. Functions marked noexcept neither allocate nor lock. One thread at a time may use an object: what
+/// other threads change goes through buffers of the caller.
 ///
-/// Without a usable state the efforts decay to zero in ramp_time. With a state but without a reference they are those of
-/// without_reference. After a fault longer than ramp_time the reference is dropped: the robot has moved in the meantime,
-/// and the law does not decide where it should be then. A fault begins when the state becomes stale, also where the
-/// program stalls and detects it later.
+/// Without a usable state the efforts decay to zero in ramp_time. With a state but without a reference they are those
+/// of without_reference. After a fault longer than ramp_time the reference is dropped: the robot has moved in the
+/// meantime, and the law does not decide where it should be then. A fault begins when the state becomes stale, also
+/// where the program stalls and detects it later.
 class Law {
 public:
     /// Rounding [rad or m] by which a reference may exceed the limit of a joint.
@@ -290,7 +290,8 @@ private:
         if (!all_finite(law.q())) {
             return "a position of the state is not finite";
         }
-        return all_finite(law.qd()) ? "positions and velocities are too large" : "a velocity of the state is not finite";
+        return all_finite(law.qd()) ? "positions and velocities are too large"
+                                    : "a velocity of the state is not finite";
     }
 
     /// Efforts at a time for the state of another time.

@@ -86,8 +86,8 @@ public:
 
     /// Positions of all joints for those of the joints of the state.
     ///
-    /// q: joint_count numbers. positions: position_count numbers, those of the last call or `forget`; the closed ones are
-    /// written. Returns false where the loops do not close or are singular; positions are then as before.
+    /// q: joint_count numbers. positions: position_count numbers, those of the last call or `forget`; the closed ones
+    /// are written. Returns false where the loops do not close or are singular; positions are then as before.
     bool close(Numbers q, MutableNumbers positions) noexcept
     {
         const bool has_seed = read_seed(positions);
@@ -114,7 +114,8 @@ private:
         }
         for (std::size_t k = 0; k < loops_->dependent_count; ++k) {
             for (std::size_t position = 0; position < position_count_; ++position) {
-                if (loops_->positions[position].variable == loops_->dependent[k] && std::isfinite(positions[position])) {
+                const bool is_its_position = loops_->positions[position].variable == loops_->dependent[k];
+                if (is_its_position && std::isfinite(positions[position])) {
                     return true;
                 }
             }

@@ -53,8 +53,8 @@ typedef struct robot_dynamics_position {
 } robot_dynamics_position;
 
 /*
- * Closed loops. Variables are the positions of the joints that mimic no other joint. Some are those of the joints of the
- * state, the others depend on them, and are found by Newton's method.
+ * Closed loops. Variables are the positions of the joints that mimic no other joint. Some are those of the joints of
+ * the state, the others depend on them, and are found by Newton's method.
  */
 typedef struct robot_dynamics_loops {
     uint32_t variable_count;
