@@ -44,7 +44,7 @@ jazzy: export SEEDS := 1
 
 BOOTSTRAP = python=$$(PYTHON='$(PYTHON)' sh tools/find_python.sh) && "$$python" tools/bootstrap.py $(if $(PYTHON),--this-python)
 
-.PHONY: help venv test quick jazzy demo docs lint format lock wheels wheels-test colcon bench soak faults fuzz clean
+.PHONY: help venv test quick jazzy demo docs lint format lock wheels wheels-test control colcon bench soak faults fuzz clean
 
 help:  ## list the targets
 	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1	\2/p' Makefile
@@ -93,7 +93,10 @@ wheels:  ## build both wheels into dist/, the interfaces for each of PYTHONS (de
 wheels-test: venv  ## install both wheels into empty environments, one for each of PYTHONS, and use them there
 	WHEEL_PYTHONS="$(PYTHONS)" .venv/bin/python -m pytest test/packaging
 
-colcon:  ## build both packages as in a ROS workspace, into build/, install/ and log/
+control: venv  ## build the control laws in C++ with a plain compiler and models of all robots, test them, measure updates
+	@sh tools/control_test.sh
+
+colcon:  ## build all three packages as in a ROS workspace, into build/, install/ and log/
 	@$(BOOTSTRAP) --colcon
 	@sh tools/colcon_build.sh
 
@@ -122,6 +125,7 @@ soak: venv  ## what takes long: conversions of many trees, every state of parall
 	COMPARED=1000 .venv/bin/python -m pytest -s test/parallel/test_platform_models.py -k both_models --timeout 1500
 	SIMULATED_SECONDS=30 SIMULATED_MECHANISMS=200 .venv/bin/python -m pytest -s test/simulation/test_loops_at_speed.py --timeout 900
 	EVERY_ROBOT=1 MOTOR_DRAWS=1000 .venv/bin/python -m pytest -s test/parallel/test_assembly_modes.py --timeout 1500
+	EVERY_ROBOT=1 sh tools/control_test.sh
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_fitting.py -k errors_are_as_large
 	EVERY_ROBOT=1 SEEDS=10 .venv/bin/python -m pytest -s test/identification/test_base_parameters.py -k another_way --timeout 900
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900

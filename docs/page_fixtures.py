@@ -28,3 +28,8 @@ def nightly_bags(folder: Path) -> None:
         motion = panda_motion(duration=15.0, seed=seed, viscous=0.05, coulomb=0.05, model=model)
         noise = np.random.default_rng(seed).normal(scale=0.1, size=motion.efforts.shape)
         write_bag(folder / "bags" / day, messages(motion._replace(efforts=motion.efforts + noise)))
+
+
+def control_package(folder: Path) -> None:
+    """The package `robot_dynamics_control` of the checkout."""
+    (folder / "robot_dynamics_control").symlink_to(Path(__file__).parents[1] / "robot_dynamics_control")

@@ -11,6 +11,7 @@ from robot_dynamics.optional_packages import INSTALL_SOURCES
 
 ROOT = Path(__file__).parents[1]
 INTERFACES = ROOT / "robot_dynamics_interfaces"
+CONTROL = ROOT / "robot_dynamics_control"
 
 
 def read(path):
@@ -19,17 +20,19 @@ def read(path):
 
 @pytest.fixture(scope="module")
 def tables():
-    """Return pyproject.toml of both packages as dictionaries."""
+    """Return pyproject.toml of both Python packages as dictionaries."""
     toml = pytest.importorskip("tomllib")  # Python 3.11
     return [toml.loads(read(folder / "pyproject.toml")) for folder in (ROOT, INTERFACES)]
 
 
 def test_versions_agree(tables):
     versions = [table["project"]["version"] for table in tables]
-    versions += re.findall("<version>(.*)</version>", read("package.xml") + read(INTERFACES / "package.xml"))
+    manifests = [read(folder / "package.xml") for folder in (ROOT, INTERFACES, CONTROL)]
+    versions += re.findall("<version>(.*)</version>", "".join(manifests))
+    versions += re.findall(r"^project\(.* VERSION (\S+)", read(CONTROL / "CMakeLists.txt"), re.MULTILINE)
     versions.append(yaml.safe_load(read("CITATION.cff"))["version"])
     versions.append(re.findall(r"^## \[(\d[\d.]*)\]", read("CHANGELOG.md"), re.MULTILINE)[0])
-    assert len(versions) == 6 and len(set(versions)) == 1, versions
+    assert len(versions) == 8 and len(set(versions)) == 1, versions
 
 
 def test_nodes_need_interfaces_of_the_same_minor_version(tables):

@@ -1,4 +1,4 @@
-"""pyproject.toml and package.xml declare what the code imports; commands of the documentation see both packages."""
+"""pyproject.toml and package.xml declare what the code imports; commands of the documentation see all packages."""
 
 import ast
 import os
@@ -88,8 +88,8 @@ def clone_into(workspace):
 
 
 @pytest.mark.parametrize(("program", "option"), [("rosdep", "--from-paths"), ("colcon", "--base-paths")])
-def test_commands_of_the_documentation_find_both_packages(program, option, tmp_path, monkeypatch):
-    """Both programs search packages below each path, not inside a package."""
+def test_commands_of_the_documentation_find_all_packages(program, option, tmp_path, monkeypatch):
+    """The programs search packages below each path, not inside a package."""
     packages = pytest.importorskip("catkin_pkg.packages", reason="catkin_pkg, by which rosdep looks, is not installed")
     lines = [line for block in re.findall(r"```bash\n(.*?)```", INSTALLATION, re.DOTALL) for line in block.splitlines()]
     (line,) = [line for line in lines if f"{program} " in line and option in line]
@@ -99,7 +99,7 @@ def test_commands_of_the_documentation_find_both_packages(program, option, tmp_p
     clone_into(tmp_path)
     monkeypatch.chdir(tmp_path)
     names = {package.name for path in words[first:last] for package in packages.find_packages(path).values()}
-    assert names == {"robot_dynamics", "robot_dynamics_interfaces"}
+    assert names == {"robot_dynamics", "robot_dynamics_interfaces", "robot_dynamics_control"}
     assert {package.name for package in packages.find_packages("src").values()} == {"robot_dynamics"}
 
 

@@ -33,7 +33,7 @@ class LawModels:
     """
 
     def __init__(self, dynamics: Dynamics, actuators: SeriesElasticActuators, base_state: list[Array]) -> None:
-        inverse_robot, friction_robot = _separate_friction(dynamics, actuators)
+        inverse_robot, friction_robot = separate_friction(dynamics, actuators)
         self._base_state = base_state
         self._inverse = Dynamics(inverse_robot).compile("inverse")
         self._efforts, *self._other_outputs = [np.zeros(shape) for _, shape in self._inverse.interface.outputs]
@@ -57,8 +57,19 @@ class LawModels:
         return self._friction_efforts
 
 
-def _separate_friction(dynamics: Dynamics, actuators: SeriesElasticActuators) -> tuple[Robot, Robot]:
-    """The robot of the inverse model, and the robot of the friction that is compensated apart from it."""
+def separate_friction(dynamics: Dynamics, actuators: SeriesElasticActuators) -> tuple[Robot, Robot]:
+    """Separate the friction that a control law compensates apart from the inverse model.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    actuators : SeriesElasticActuators
+
+    Returns
+    -------
+    inverse_robot, friction_robot : Robot
+        The robots of the inverse model and of the model of friction.
+    """
     robot = dynamics.robot
     springs = {dynamics.joint_names[index] for index in actuators.springs}
     has_unactuated_state = bool(set(dynamics.unactuated_joint_names) - springs)

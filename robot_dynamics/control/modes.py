@@ -13,7 +13,9 @@ FEEDFORWARD: Literal["feedforward"] = "feedforward"
 COMPUTED_TORQUE: Literal["computed_torque"] = "computed_torque"
 PD_GRAVITY: Literal["pd_gravity"] = "pd_gravity"
 ADAPTIVE: Literal["adaptive_computed_torque"] = "adaptive_computed_torque"
-MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY, ADAPTIVE)
+FIXED_MODEL_MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TORQUE, PD_GRAVITY)
+"""Modes whose model does not change: those of robot_dynamics_control."""
+MODES: tuple[ControlMode, ...] = (*FIXED_MODEL_MODES, ADAPTIVE)
 NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
 REFERENCE: Literal["reference"] = "reference"
 MEASURED: Literal["measured"] = "measured"

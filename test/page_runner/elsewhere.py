@@ -32,6 +32,7 @@ ELSEWHERE = (
     Elsewhere(r"make lint", part="lint"),
     Elsewhere(r"make jazzy", part="apt Jazzy"),
     Elsewhere(r"make colcon", part="colcon build"),
+    Elsewhere(r"make control", part="control package"),
     Elsewhere(r"make docs", part="documentation"),
     Elsewhere(r"make wheels( PYTHONS=.*)?", part="wheels"),
     Elsewhere(
@@ -40,7 +41,7 @@ ELSEWHERE = (
     Elsewhere(r"pip install (--find-links dist )?(\.|robot_dynamics)(\[[\w,]+\])?", part="wheels"),
     Elsewhere(r"python3? -m venv \S+", part="wheels"),
     Elsewhere(r"pip install .*", reason=INSTALLATION),
-    Elsewhere(r"colcon build --base-paths \S+ \S+( --\S+)*", part="colcon build"),
+    Elsewhere(r"colcon build --base-paths \S+( \S+)+", part="colcon build"),
     Elsewhere(r"source install/setup\.bash", part="colcon build: import"),
     Elsewhere(r"source (/opt/ros/jazzy/setup\.bash|\S+/bin/activate)", reason="changes the shell"),
     Elsewhere(r"git clone \S+( \S+)?", reason="the CI begins with a fresh clone"),

@@ -20,7 +20,7 @@ from page_runner.page import Page
 ROOT = Path(__file__).parents[2]
 PAGE = "__page__"  # of the namespace of a page
 PROGRAMS = {
-    *("robot-dynamics", "python", "python3", "cc", "gcc", "c++", "g++", "bash", "sh", "octave"),
+    *("robot-dynamics", "python", "python3", "cc", "gcc", "c++", "g++", "cmake", "bash", "sh", "octave"),
     *("cat", "ls", "head", "tail", "wc", "grep", "diff", "echo", "mkdir", "cp", "mv", "rm", "export", "test"),
 }
 

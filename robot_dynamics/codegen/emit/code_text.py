@@ -66,6 +66,7 @@ OUTPUT_UNITS = {
     "by_base_acceleration": "derivatives, per m/s^2, then rad/s^2",
 }
 WRENCH_UNITS = "N, then N m"
+PAYLOAD_UNITS = "mass kg, first moments x y z kg m, second moments xx xy xz yy yz zz kg m^2"
 MAX_IDENTIFIER_LENGTH = 100
 MAX_COMMENT_LENGTH = 60
 
@@ -197,7 +198,10 @@ def operations_used(program: Program) -> set[Operation]:
 
 def input_comment(name: str, size: int) -> str:
     """A line about an input: its size and unit."""
-    return _array_comment(name, size, {name: WRENCH_UNITS} if name.startswith("wrench on ") else INPUT_UNITS)
+    for beginning, unit in (("wrench on ", WRENCH_UNITS), ("payload on ", PAYLOAD_UNITS)):
+        if name.startswith(beginning):
+            return _array_comment(name, size, {name: unit})
+    return _array_comment(name, size, INPUT_UNITS)
 
 
 def output_comment(output: Output) -> str:

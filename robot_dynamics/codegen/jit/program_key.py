@@ -8,6 +8,9 @@ DERIVATIVE_MODELS = ("inverse_derivatives", "direct_derivatives")
 SOLVING_MODELS = ("inverse", "direct", *DERIVATIVE_MODELS)
 """Models that take external wrenches and the acceleration of the base, and may solve for accelerations."""
 
+PAYLOAD_MODELS = ("inverse", "direct", "inertia_matrix", "gravity", "coriolis", "bias")
+"""Models that take the inertias of payloads as arguments."""
+
 FRAME_MODELS = (
     "pose",
     "jacobian",

@@ -96,6 +96,8 @@ class ModelTrace:
         Numbers of the independent joints; None for those of Dynamics.
     varied_links : sequence of int
         Links whose inertias are arguments, one (10,) for each: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ.
+    payloads : sequence of str
+        Frames that carry payloads, whose inertias in these frames are arguments, one (10,) for each as above.
 
     Attributes
     ----------
@@ -129,6 +131,7 @@ class ModelTrace:
         frames: Sequence[str] = (),
         independent: Sequence[int] | None = None,
         varied_links: Sequence[int] = (),
+        payloads: Sequence[str] = (),
     ) -> None:
         self.name = name
         self.trace = Trace()
@@ -140,7 +143,8 @@ class ModelTrace:
         named_links = {robot.frame(frame).link for frame in (*wrenches, *frames)}
         self._in_charts = name in CHART_MODELS and not virtual_links(robot) & named_links
         inertias = {number: self.trace.input(inertia_name(number), 10) for number in varied_links}
-        robot = with_inertias(robot, inertias)
+        loads = {frame: self.trace.input(payload_name(frame), 10) for frame in payloads}
+        robot = with_payloads(with_inertias(robot, inertias), loads)
         self.robot = robot
         self._described_robot = robot
         self._joints = robot.joints
@@ -154,6 +158,7 @@ class ModelTrace:
         self._trace_base(base_argument_names(name, robot), prescribed_base)
         self.wrenches = self._trace_wrenches(wrenches)
         self.inputs.update({inertia_name(number): values for number, values in inertias.items()})
+        self.inputs.update({payload_name(frame): values for frame, values in loads.items()})
         self.all_passive_efforts: ScalarArray = np.zeros(len(robot.joints), dtype=int)
         if "qd" in self.inputs:
             self.all_passive_efforts = self.passive_efforts_at(self.qd)
@@ -332,13 +337,32 @@ def inertia_name(number: int) -> str:
     return f"inertia of link {number}"
 
 
+def payload_name(frame: str) -> str:
+    """Name of the argument that has the inertia of the payload on a frame."""
+    return f"payload on {frame}"
+
+
 def with_inertias(robot: Robot, inertias: Mapping[int, ScalarArray]) -> Robot:
     """A robot with other inertias (10,) of some links: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ."""
     links = list(robot.links)
     for number, values in inertias.items():
-        inertia = Inertia(values[0], values[1:4], symmetric_matrix(*values[4:]))
-        links[number] = replace(links[number], inertia=inertia)
+        links[number] = replace(links[number], inertia=_inertia_of(values))
     return replace(robot, links=tuple(links)) if inertias else robot
+
+
+def with_payloads(robot: Robot, payloads: Mapping[str, ScalarArray]) -> Robot:
+    """A robot that carries payloads, by the frame to which each is fixed: inertias (10,) in that frame, as above."""
+    links = list(robot.links)
+    for name, values in payloads.items():
+        frame = robot.frame(name)
+        carrier = links[frame.link]
+        payload = _inertia_of(values).transformed_by(frame.placement)
+        links[frame.link] = replace(carrier, inertia=carrier.inertia + payload)
+    return replace(robot, links=tuple(links)) if payloads else robot
+
+
+def _inertia_of(values: ScalarArray) -> Inertia:
+    return Inertia(values[0], values[1:4], symmetric_matrix(*values[4:]))
 
 
 def topology_of(robot: Robot, independent: Sequence[int] | None) -> ConstraintTopology:

@@ -6,7 +6,9 @@ Arguments and results are those of Dynamics without its checks:
   close them, as Dynamics.expand_positions returns them;
 - of a moving base also `twist` (6,) and `gravity` (3,), both in the base frame, and `base_acceleration` (6,) where its
   motion is prescribed;
-- external wrenches (6,), one argument for each link, in the frame of that name.
+- external wrenches (6,), one argument for each link, in the frame of that name;
+- payloads (10,), one argument for each frame that carries one: M, MX, MY, MZ, XX, XY, XZ, YY, YZ, ZZ of the payload in
+  that frame.
 
 The shapes below have n independent joints, and m = n, or n + 6 with a moving base.
 """
@@ -79,6 +81,7 @@ def inverse_model(
     prescribed_base: bool = False,
     with_pivots: bool = False,
     group_parameters: bool = True,
+    payloads: Sequence[str] = (),
 ) -> Program:
     """The inverse dynamic model: q, qd, qdd -> efforts.
 
@@ -94,6 +97,8 @@ def inverse_model(
         meaningless where a pivot is not positive, or is rounding beside its entry of the diagonal.
     group_parameters : bool
         Whether inertial parameters are grouped into base parameters.
+    payloads : sequence of str
+        Frames that carry payloads, whose inertias are arguments.
 
     Returns
     -------
@@ -101,7 +106,9 @@ def inverse_model(
         With the output `efforts` (n,). If there are unactuated joints, their qdd is not read and `accelerations` (n,)
         follows; if the base is free, `base_acceleration` (6,) follows.
     """
-    model = ModelTrace("inverse", robot, ("q", "qd", "qdd"), wrenches, prescribed_base, group_parameters)
+    model = ModelTrace(
+        "inverse", robot, ("q", "qd", "qdd"), wrenches, prescribed_base, group_parameters, payloads=payloads
+    )
     qdd = model.inputs["qdd"]
     unknown = model.unactuated
     is_known = np.array([0 if k in unknown else 1 for k in range(model.size)], dtype=int)
@@ -125,12 +132,13 @@ def direct_model(
     with_pivots: bool = False,
     group_parameters: bool = True,
     varied_links: Sequence[int] = (),
+    payloads: Sequence[str] = (),
 ) -> Program:
     """The direct dynamic model: q, qd, efforts -> accelerations.
 
     Parameters
     ----------
-    robot, wrenches, prescribed_base, with_pivots, group_parameters
+    robot, wrenches, prescribed_base, with_pivots, group_parameters, payloads
         See `inverse_model`.
     varied_links : sequence of int
         Links whose inertias are arguments, as ModelTrace has them.
@@ -142,7 +150,14 @@ def direct_model(
         where nothing with inertia resists some motion.
     """
     model = ModelTrace(
-        "direct", robot, ("q", "qd", "efforts"), wrenches, prescribed_base, group_parameters, varied_links=varied_links
+        "direct",
+        robot,
+        ("q", "qd", "efforts"),
+        wrenches,
+        prescribed_base,
+        group_parameters,
+        varied_links=varied_links,
+        payloads=payloads,
     )
     zeros = np.zeros(model.size, dtype=int)
     net_efforts = model.loads(model.inputs["efforts"] - model.passive_efforts, model.topology.independent)
@@ -203,10 +218,11 @@ def inertia_matrix_model(
     independent: Sequence[int] | None = None,
     group_parameters: bool = True,
     varied_links: Sequence[int] = (),
+    payloads: Sequence[str] = (),
 ) -> Program:
     """q -> inertia_matrix (m, m), as Dynamics.inertia_matrix, of the joints `independent` (numbers) if passed.
 
-    varied_links: see `direct_model`.
+    varied_links, payloads: see `direct_model`.
     """
     model = ModelTrace(
         "inertia_matrix",
@@ -215,26 +231,27 @@ def inertia_matrix_model(
         group_parameters=group_parameters,
         independent=independent,
         varied_links=varied_links,
+        payloads=payloads,
     )
     P = model.projection_matrix
     return model.program({"inertia_matrix": P.T @ composite.inertia_matrix(model.force_robot, model.force_q) @ P})
 
 
-def gravity_model(robot: Robot, *, group_parameters: bool = True) -> Program:
+def gravity_model(robot: Robot, *, group_parameters: bool = True, payloads: Sequence[str] = ()) -> Program:
     """q (and gravity (3,) in the frame of a moving base) -> gravity (m,), as Dynamics.gravity."""
-    model = ModelTrace("gravity", robot, ("q",), group_parameters=group_parameters)
+    model = ModelTrace("gravity", robot, ("q",), group_parameters=group_parameters, payloads=payloads)
     return model.program({"gravity": model.bias_rows(-model.gravity_screw)})
 
 
-def coriolis_model(robot: Robot, *, group_parameters: bool = True) -> Program:
+def coriolis_model(robot: Robot, *, group_parameters: bool = True, payloads: Sequence[str] = ()) -> Program:
     """q, qd (and the twist (6,) of a moving base) -> coriolis (m,), as Dynamics.coriolis."""
-    model = ModelTrace("coriolis", robot, ("q", "qd"), group_parameters=group_parameters)
+    model = ModelTrace("coriolis", robot, ("q", "qd"), group_parameters=group_parameters, payloads=payloads)
     return model.program({"coriolis": model.bias_rows(ZERO_SCREW)})
 
 
-def bias_model(robot: Robot, *, group_parameters: bool = True) -> Program:
+def bias_model(robot: Robot, *, group_parameters: bool = True, payloads: Sequence[str] = ()) -> Program:
     """q, qd (twist, gravity) -> bias H (m,): the sum of gravity and Coriolis terms, without friction."""
-    model = ModelTrace("bias", robot, ("q", "qd"), group_parameters=group_parameters)
+    model = ModelTrace("bias", robot, ("q", "qd"), group_parameters=group_parameters, payloads=payloads)
     return model.program({"bias": model.bias_rows(-model.gravity_screw)})
 
 

@@ -41,3 +41,24 @@ def test_inertias_are_arguments(name, varies_all):
         results = as_list(python_function(program)(*arguments, *inertias))
         for result, expected in zip(results, as_list(python_function(expected_program)(*arguments)), strict=True):
             np.testing.assert_allclose(result, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("name", ["panda", "free_flying_arm", "irb460"])
+@pytest.mark.parametrize("model", ["inverse", "direct", "inertia_matrix", "gravity", "coriolis", "bias"])
+def test_payloads_are_arguments(name, model):
+    robot = load_robot(name)
+    frame = robot.frames[-1].name
+    loaded = robot.with_payload(frame, PAYLOAD)
+    trace = getattr(models, f"{model}_model")
+    expected_program = trace(loaded)
+    program = trace(robot, payloads=[frame])
+    assert program.inputs == {**expected_program.inputs, f"payload on {frame}": 10}
+    rng = np.random.default_rng(1)
+    arguments = [rng.normal(size=size) for size in expected_program.inputs.values()]
+    if robot.loops:
+        arguments[0] = Dynamics(robot).expand_positions(Dynamics(robot).initial_joint_positions)
+    for payload, expected_of in ((entries(PAYLOAD), expected_program), (np.zeros(10), trace(robot))):
+        results = as_list(python_function(program)(*arguments, payload))
+        expected_results = as_list(python_function(expected_of)(*arguments))
+        for result, expected in zip(results, expected_results, strict=True):
+            np.testing.assert_allclose(result, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
