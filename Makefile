@@ -115,7 +115,7 @@ bench: venv  ## measure recursions, compiled models, loops, parallel robots, str
 	.venv/bin/python benchmarks/replay.py
 	.venv/bin/python benchmarks/viewer.py
 
-soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
+soak: venv  ## what takes long: conversions of many trees, every state of parallel robots, noisy identifications, faults in recordings, ten minutes of motion without a collision, processes stopped and killed around streamed efforts, ten minutes of streaming, ten minutes of fifty clients
 	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen -k "hexapod_stack or delta or navaro or orthoglide or andrews_squeezer or bricard or tiago_pro" --timeout 900
 	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/simulation/test_compiled_steps.py test/simulation/test_loops_at_speed.py test/parallel/test_shipped_platforms.py --timeout 900
 	EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/viewing/test_viewer.py
@@ -131,6 +131,8 @@ soak: venv  ## what takes long: conversions of many trees, every state of parall
 	FAULT_TRIALS=50 .venv/bin/python -m pytest -s test/checking/test_faults.py --timeout 900
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_position_noise.py test/identification/test_gains.py
 	NOISY_RUNS=200 .venv/bin/python -m pytest -s test/identification/test_payload_fit.py -k errors_agree
+	MONITORED_MINUTES=10 MONITORED_PUSHES=100 .venv/bin/python -m pytest -s test/monitoring/test_pushed_panda.py --timeout 900
+	RANDOM_MOMENTA=30 EVERY_ROBOT=1 .venv/bin/python -m pytest -s test/codegen/trace/test_momentum_models.py --timeout 900
 	INTERRUPTION_ROUNDS=100 .venv/bin/python -m pytest -s test/nodes/test_streaming_interruptions.py
 	SOAK_SECONDS=600 CLOSED_LOOP_SECONDS=20 .venv/bin/python -m pytest -s --timeout 900 test/nodes/test_streaming_soak.py test/nodes/test_control_loop.py
 	CLIENT_SECONDS=600 .venv/bin/python -m pytest -s --timeout 1500 test/nodes/test_many_clients.py

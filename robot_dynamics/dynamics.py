@@ -60,6 +60,7 @@ ModelName: TypeAlias = Literal[
     "centroidal_momentum_matrix",
     "centroidal_momentum_bias",
     "kinetic_energy",
+    "momentum",
     "pose",
     "jacobian",
     "jacobian_in_base_axes",
@@ -173,12 +174,12 @@ class Dynamics(JointDynamics, MotionDerivatives):
         Parameters
         ----------
         model : str
-            inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, inverse_derivatives or
-            direct_derivatives; for a robot with loops also closure and state_derivative. With closure, calls that close
-            loops from the positions of motors, or near a seed, are compiled as well. Of the whole robot, in the axes of
-            frame 0: centre_of_mass, centroidal_momentum_matrix, centroidal_momentum_bias and kinetic_energy. Of a
-            frame: pose in frame 0, jacobian and bias_acceleration in its axes; jacobian_in_base_axes and
-            bias_acceleration_in_base_axes in those of frame 0.
+            inverse, direct, inertia_matrix, gravity, coriolis, bias, friction, regressor, inverse_derivatives,
+            direct_derivatives or momentum; for a robot with loops also closure and state_derivative. With closure,
+            calls that close loops from the positions of motors, or near a seed, are compiled as well. Of the whole
+            robot, in the axes of frame 0: centre_of_mass, centroidal_momentum_matrix, centroidal_momentum_bias and
+            kinetic_energy. Of a frame: pose in frame 0, jacobian and bias_acceleration in its axes;
+            jacobian_in_base_axes and bias_acceleration_in_base_axes in those of frame 0.
         wrenches : sequence of str
             Names of the links on which external wrenches act.
         prescribed_base : bool

@@ -63,24 +63,29 @@ def literal(node):
     return node.value if isinstance(node, ast.Constant) else None
 
 
-SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot3_burger"]
+SHIPPED = ["mobile_base_simulator", "computed_torque", "closed_loop", "turtlebot3_burger", "contact_monitor"]
 
 
 @pytest.mark.parametrize("name", [*SHIPPED, "simulated_time", "machine_time"])
 def test_parameter_files_have_parameters_of_the_nodes(name):
     from robot_dynamics.nodes.computed_torque import parameters as control_parameters
+    from robot_dynamics.nodes.contact_monitor import parameters as monitor_parameters
     from robot_dynamics.nodes.mobile_base_simulator import parameters as simulator_parameters
     from robot_dynamics.nodes.mobile_base_simulator.simulation_setup import build_simulation
 
-    takes = {"mobile_base_simulator": simulator_parameters, "computed_torque": control_parameters}
+    validate = {
+        "mobile_base_simulator": simulator_parameters.validate_parameter,
+        "computed_torque": control_parameters.validate_parameter,
+        "contact_monitor": lambda parameter, value: monitor_parameters.PARAMETERS[parameter].validate(value),
+    }
     for node, section in yaml.safe_load((ROOT / "config" / f"{name}.yaml").read_text()).items():
-        module = takes[node.rpartition("/")[2]]
+        validate_parameter = validate[node.rpartition("/")[2]]
         assert section["ros__parameters"]
         for parameter, value in section["ros__parameters"].items():
             if parameter == "robot_file":
                 assert value in shipped_robots()
             elif parameter != "use_sim_time":
-                module.validate_parameter(parameter, value)
+                validate_parameter(parameter, value)
     defaults = {key: spec.validate(spec.default) for key, spec in simulator_parameters.PARAMETERS.items()}
     build_simulation(defaults, load_robot("ur5e"))
 

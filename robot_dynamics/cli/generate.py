@@ -2,10 +2,10 @@
 
 The code needs only <math.h> or `math`, allocates no memory and keeps no state. The models are inverse, direct,
 inertia_matrix, gravity, coriolis, bias (gravity and Coriolis together), friction, regressor, inverse_derivatives,
-direct_derivatives, pose (of --frame), and for robots with loops closure (one step that closes them) and
-state_derivative. The top of the file describes the inputs and
-outputs. Two robots in one program need two prefixes. With --control it writes the model for the control laws in C++ of
-the package robot_dynamics_control instead.
+direct_derivatives, momentum (with its rate, for observers of external torques), pose (of --frame), and for robots with
+loops closure (one step that closes them) and state_derivative. The top of the file describes the inputs and outputs.
+Two robots in one program need two prefixes. With --control it writes the model for the control laws in C++ of the
+package robot_dynamics_control instead.
 """
 
 from __future__ import annotations

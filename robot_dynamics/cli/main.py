@@ -15,6 +15,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
     """Import the modules of the verbs. Raises MissingPackageError if a package that all need is not installed."""
     try:
         from robot_dynamics.cli import (
+            collisions,
             convert,
             count,
             excite,
@@ -32,7 +33,7 @@ def verb_modules() -> tuple[ModuleType, ...]:
         )
     except ModuleNotFoundError as error:
         raise missing_package_error(error, "robot-dynamics") from error
-    recordings = (replay_check, identify, identify_payload, excite, motion_report)
+    recordings = (replay_check, identify, identify_payload, excite, motion_report, collisions)
     return show, view, convert, generate, count, map, frequencies, *recordings, robots, schema
 
 

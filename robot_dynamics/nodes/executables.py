@@ -60,3 +60,8 @@ def mobile_base_simulator() -> int | None:
 def replay_check() -> int | None:
     """Run the node replay_check."""
     return run_executable("replay_check")
+
+
+def contact_monitor() -> int | None:
+    """Run the node contact_monitor."""
+    return run_executable("contact_monitor")

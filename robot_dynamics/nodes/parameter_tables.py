@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from robot_dynamics.nodes import robot_source
 from robot_dynamics.nodes.computed_torque import parameters as computed_torque
+from robot_dynamics.nodes.contact_monitor import parameters as contact_monitor
 from robot_dynamics.nodes.dynamics_server import parameters as dynamics_server
 from robot_dynamics.nodes.joint_state_completer import parameters as joint_state_completer
 from robot_dynamics.nodes.mobile_base_simulator import parameters as mobile_base_simulator
@@ -22,6 +23,7 @@ NODES: dict[str, ParameterSpecs] = {
     "computed_torque": computed_torque.PARAMETERS,
     "mobile_base_simulator": mobile_base_simulator.PARAMETERS,
     "replay_check": replay_check.PARAMETERS,
+    "contact_monitor": contact_monitor.PARAMETERS,
     "joint_state_completer": joint_state_completer.PARAMETERS,
 }
 """Parameters by node; "all": of every node."""

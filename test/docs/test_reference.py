@@ -90,6 +90,7 @@ def test_every_parameter_is_in_the_table_of_its_node(site):
     sections["dynamics_server"] = "dynamics-server"
     sections |= {"mobile_base_simulator": "mobile-base-simulator", "replay_check": "replay-check"}
     sections["joint_state_completer"] = "joint-state-completer"
+    sections["contact_monitor"] = "contact-monitor"
     assert set(sections) == set(tables.NODES)
     for node, anchor in sections.items():
         path = f".//section[@id='{anchor}']//tbody/tr/td[1]//code"

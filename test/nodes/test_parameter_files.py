@@ -19,6 +19,7 @@ LISTS = {
         *("initial.joints", "initial.positions", "initial.velocities"),
     ),
     "replay_check": ("gravity", "topics"),
+    "contact_monitor": ("gravity", "locked_joints"),
 }
 READY = {"computed_torque": "controls panda_joint1", "mobile_base_simulator": "simulates Robot('panda'"}
 ELEMENTS = ("bool", "integer", "double", "string")

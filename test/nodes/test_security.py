@@ -17,6 +17,10 @@ POLICIES = Path(__file__).parents[2] / "config" / "sros2" / "policies.xml"
 MOVING = {"robot_file": "free_flying_arm", "use_sim_time": True}
 CONFIGURATIONS = {
     "computed_torque": [{"robot_file": "panda", "use_sim_time": True}],
+    "contact_monitor": [
+        MOVING,
+        {"robot_file": "panda", "frame": "panda_link8", "effort_topic": "computed_torque/effort"},
+    ],
     "dynamics_server": [{"robot_file": "panda", "use_sim_time": True}],
     "joint_state_completer": [{"robot_file": "delta", "use_sim_time": True}],
     "mobile_base_simulator": [MOVING, {"robot_file": "panda", "publish_clock": False, "use_sim_time": True}],

@@ -137,6 +137,7 @@ def test_missing_compiler_of_models_is_named_in_one_line(core, tmp_path):
         ("mobile_base_simulator", "ros"),
         ("replay_check", "ros"),
         ("joint_state_completer", "ros"),
+        ("contact_monitor", "ros"),
         ("demo", "ros"),
     ],
 )

@@ -43,7 +43,10 @@ def test_server_responds(with_ros, tmp_path):
     assert server.returncode in (0, -15)
 
 
-@pytest.mark.parametrize("name", ["computed_torque", "joint_state_completer", "mobile_base_simulator", "replay_check"])
+@pytest.mark.parametrize(
+    "name",
+    ["computed_torque", "contact_monitor", "joint_state_completer", "mobile_base_simulator", "replay_check"],
+)
 def test_node_starts_and_ends(with_ros, tmp_path, name):
     helped = with_ros.run(name, "--help", scratch=tmp_path)
     assert helped.returncode == 0 and "robot_file" in helped.stdout, helped

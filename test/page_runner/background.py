@@ -15,6 +15,7 @@ READY = {
     "dynamics_server": "serving Robot|no robot yet",
     "replay_check": "serving Robot|no robot yet",
     "joint_state_completer": "serving Robot|no robot yet",
+    "contact_monitor": "serving Robot|no robot yet",
     "computed_torque": "controls |no robot yet",
     "mobile_base_simulator": "simulates |no robot yet",
     "robot-dynamics view": "is at http://",

@@ -60,6 +60,7 @@ MODELS: dict[str, Callable[..., Program]] = {
         "state_derivative",
         "inverse_derivatives",
         "direct_derivatives",
+        "momentum",
         *WHOLE_BODY_MODELS,
     )
 }

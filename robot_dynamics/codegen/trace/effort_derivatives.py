@@ -37,7 +37,7 @@ def motion_derivatives(
     qdd, base_acceleration: as ModelTrace.forces takes them; at_constant_efforts: whether load-dependent friction is
     that of the efforts among the inputs, and not that of the motion.
     """
-    frozen = _Frozen(model.trace)
+    frozen = FrozenScalars(model.trace)
     variables, directions = _base_directions(model)
     if model.topology.dependent:
         motion = _looped_motion(model, qdd, base_acceleration, accumulate, frozen)
@@ -60,7 +60,7 @@ def motion_derivatives(
     return frozen.restore(accumulate(model.trace, outputs, variables, directions))
 
 
-class _Frozen:
+class FrozenScalars:
     """Scalars that are constant in a derivative, or variables of it, although they depend on inputs.
 
     They are replaced by inputs of the trace, so that no operation on them is simplified with what they depend on, and
@@ -104,7 +104,7 @@ class _Motion(NamedTuple):
     directions: ScalarArray
 
 
-def _open_motion(model: ModelTrace, qdd: ScalarArray, frozen: _Frozen) -> _Motion:
+def _open_motion(model: ModelTrace, qdd: ScalarArray, frozen: FrozenScalars) -> _Motion:
     """The _Motion of a robot without loops."""
     accelerations = model.joint_accelerations(frozen.freeze_sparse("accelerations", qdd))
     variables = np.concatenate([model.inputs["q"], model.inputs["qd"]])
@@ -116,7 +116,7 @@ def _open_motion(model: ModelTrace, qdd: ScalarArray, frozen: _Frozen) -> _Motio
 
 
 def _looped_motion(
-    model: ModelTrace, qdd: ScalarArray, base_acceleration: ScalarArray, accumulate: Accumulation, frozen: _Frozen
+    model: ModelTrace, qdd: ScalarArray, base_acceleration: ScalarArray, accumulate: Accumulation, frozen: FrozenScalars
 ) -> _Motion:
     """The _Motion of a robot with loops."""
     state = model.constrained_state
@@ -127,7 +127,7 @@ def _looped_motion(
     accelerations = frozen.freeze("accelerations", model.joint_accelerations(qdd))
     equations = loop_equations(model.robot, model.q, qd)
     q_directions: ScalarArray = np.zeros((len(q), _columns(model)), dtype=object)
-    q_directions[:, _position_columns(model)] = _position_directions(model)
+    q_directions[:, _position_columns(model)] = position_directions(model)
     residual = equations.jacobian @ qd
     qd_directions = state.close_rates(-accumulate(model.trace, residual, q, q_directions))
     qd_directions[:, _velocity_columns(model)] = state.G
@@ -145,7 +145,7 @@ def _looped_motion(
     )
 
 
-def _position_directions(model: ModelTrace) -> ScalarArray:
+def position_directions(model: ModelTrace) -> ScalarArray:
     """(all joints, n) derivatives of the positions of all joints by those of the independent ones."""
     state = model.constrained_state
     offset = state.topology.offset

@@ -25,6 +25,7 @@ BASE_ARGUMENTS = {
     "bias_acceleration_in_base_axes": ("twist",),
     "centroidal_momentum_bias": ("twist",),
     "kinetic_energy": ("twist",),
+    "momentum": MOVING_BASE_ARGUMENTS,
 }
 """Additional arguments of each model where the base moves."""
 

@@ -57,6 +57,7 @@ CHART_MODELS = (
     "centroidal_momentum_matrix",
     "centroidal_momentum_bias",
     "kinetic_energy",
+    "momentum",
     "inverse_derivatives",
     "direct_derivatives",
 )

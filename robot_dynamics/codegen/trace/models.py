@@ -33,6 +33,7 @@ from robot_dynamics.codegen.trace.kinematic_models import (
     pose_model,
 )
 from robot_dynamics.codegen.trace.model_trace import ZERO_SCREW, ModelTrace, topology_of
+from robot_dynamics.codegen.trace.momentum_models import momentum_model
 from robot_dynamics.codegen.trace.preparation import prepare_robot
 from robot_dynamics.codegen.trace.program import build_program
 from robot_dynamics.codegen.trace.scalar import Trace
@@ -67,6 +68,7 @@ __all__ = [
     "jacobian_in_base_axes_model",
     "jacobian_model",
     "kinetic_energy_model",
+    "momentum_model",
     "pose_model",
     "prepare_robot",
     "regressor_model",

@@ -1,0 +1,1 @@
+"""External torques, contact wrenches and collisions of a robot that moves, out of joint states and efforts."""
