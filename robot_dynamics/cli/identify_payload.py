@@ -20,7 +20,7 @@ from robot_dynamics.cli.output_files import (
     check_writable,
     write_text,
 )
-from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
+from robot_dynamics.cli.recording_arguments import add_band_argument, add_recording_arguments, open_recordings
 from robot_dynamics.errors import RecordingError, RobotDynamicsError
 
 if TYPE_CHECKING:
@@ -47,12 +47,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="recording without the payload, best of the same motion; repeat for several recordings. All parameters of "
         "the robot are then fitted too",
     )
-    parser.add_argument(
-        "--band",
-        type=float,
-        metavar="HZ",
-        help="cut-off frequency of the filter of efforts and regressor; default: --cutoff, at most 10",
-    )
+    add_band_argument(parser)
     parser.add_argument(
         "--effort-accuracy",
         type=float,

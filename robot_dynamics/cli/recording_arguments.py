@@ -82,6 +82,16 @@ def add_signal_arguments(parser: ArgumentParser) -> None:
     )
 
 
+def add_band_argument(parser: ArgumentParser) -> None:
+    """Add the option of the filter before a fit."""
+    parser.add_argument(
+        "--band",
+        type=float,
+        metavar="HZ",
+        help="cut-off frequency of the filter of efforts and regressor; default: --cutoff, at most 10",
+    )
+
+
 def parse_sample_range(arguments: Namespace) -> SampleRange:
     """The part of each recording that --from, --to and --samples select. Raises RecordingError."""
     from robot_dynamics.recordings.sample_range import SampleRange
