@@ -14,6 +14,8 @@ from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.results import DirectDerivatives, InverseDerivatives, Linearization
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.codegen.jit.compiled_models import RunnableProgram
     from robot_dynamics.codegen.jit.program_key import ProgramKey
@@ -139,6 +141,14 @@ class MotionDerivatives(DynamicsTerms):
         names = (*BASE_ROWS[: m - len(self.joint_names)], *self.joint_names)
         state_names = tuple(f"{kind} of {name}" for kind in ("position", "velocity") for name in names)
         return Linearization(A, B, state_names, tuple(self.joint_names[column] for column in inputs))
+
+    def _compile_derivatives(self, base: Base | None, links: Sequence[str]) -> None:
+        """Compile now what derivatives need with external wrenches on links; it is safe in any thread.
+
+        Raises SingularModelError where there are no derivatives in any state.
+        """
+        for model in LAST_ARGUMENTS:
+            self._runnable_program(program_key(model, self.robot, base, dict.fromkeys(links, np.zeros(6))))
 
     def _derivatives(
         self,
