@@ -18,6 +18,7 @@ LISTS = {
         *("gravity", "joints", "wheels.joints", "wheels.radii", "wheels.roller_angles", "ground.points"),
         *("initial.joints", "initial.positions", "initial.velocities"),
     ),
+    "payload_identifier": ("gravity", "topics"),
     "replay_check": ("gravity", "topics"),
 }
 READY = {"computed_torque": "controls panda_joint1", "mobile_base_simulator": "simulates Robot('panda'"}
