@@ -6,16 +6,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from robot_dynamics.errors import RecordingError
-from robot_dynamics.identification.identification_model import build_identification_model
-from robot_dynamics.identification.payload_fit import EFFORT_ACCURACY, fit_payload
-from robot_dynamics.identification.payload_model import PayloadModel
-from robot_dynamics.identification.samples import Samples
+from robot_dynamics.identification.determination import EFFORT_ACCURACY
 from robot_dynamics.model.inertia import symmetric_entries
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.identification.payload_fit import PayloadFit
-    from robot_dynamics.identification.samples import ProgressWrapper
+    from robot_dynamics.identification.payload_model import PayloadModel
+    from robot_dynamics.identification.samples import ProgressWrapper, Samples
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.recordings.recording import Recording
 
@@ -66,6 +64,12 @@ def identify_payload(
     RecordingError, MissingPackageError
         As `fit_payload`.
     """
+    # imported here so that nodes and verbs start without what fits
+    from robot_dynamics.identification.identification_model import build_identification_model
+    from robot_dynamics.identification.payload_fit import fit_payload
+    from robot_dynamics.identification.payload_model import PayloadModel
+    from robot_dynamics.identification.samples import Samples
+
     names = frozenset(recording.name for recording in empty)
     repeated = names & {recording.name for recording in loaded}
     if repeated:

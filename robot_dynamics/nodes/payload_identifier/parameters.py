@@ -1,6 +1,6 @@
 """The parameters of payload_identifier."""
 
-from robot_dynamics.identification.payload_fit import EFFORT_ACCURACY
+from robot_dynamics.identification.determination import EFFORT_ACCURACY
 from robot_dynamics.nodes.parameters import ParameterSpec, by_name
 
 UPPER_BOUND = 1e6  # [Hz] values from here on are refused
