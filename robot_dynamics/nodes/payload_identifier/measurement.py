@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.nodes.parameters import ParameterValues
     from robot_dynamics.recordings.drives import Drives
+    from robot_dynamics.recordings.joint_samples import JointSample
     from robot_dynamics.recordings.recording import Recording
     from robot_dynamics_interfaces.srv import IdentifyPayload
 
@@ -49,7 +50,7 @@ class Measurement:
     set_nodes : full names of the nodes that get the parameters.
     values : parameters of the node.
     drives : conversion from signals to joints.
-    started : time of the node's clock [ns].
+    started : time of the node's clock [ns] at the first message; before it, at the request.
     baseline : samples without load that are fitted too; None: none.
     samples : joint samples so far.
     waiting : responses that are due at the end.
@@ -73,6 +74,12 @@ class Measurement:
     def __post_init__(self) -> None:
         self.samples = MeasuredSamples("measurement without load" if self.request.without_load else "measurement")
 
+    def add(self, sample: JointSample, now: int, is_base: bool) -> None:
+        """Add a sample; now: time of the node's clock [ns]; is_base: whether it is of the odometry of the base."""
+        if not len(self.samples):
+            self.started = now
+        self.samples.add(sample, is_base)
+
     def wait(self) -> DeferredResponse:
         """A response that is due at the end."""
         response = DeferredResponse()
@@ -86,9 +93,8 @@ class Measurement:
     def is_over(self, now: int) -> bool:
         """Whether the measurement ends at a time of the node's clock [ns]."""
         elapsed = self.elapsed(now)
-        is_silent = not len(self.samples) and elapsed > SILENCE
-        is_full = len(self.samples) >= MAX_MESSAGES
-        return self.is_stopped or is_silent or is_full or not 0 <= elapsed < self.request.duration
+        limit = self.request.duration if len(self.samples) else SILENCE
+        return self.is_stopped or len(self.samples) >= MAX_MESSAGES or not 0 <= elapsed < limit
 
     def recordings(self) -> tuple[list[Recording], list[Recording]]:
         """The recordings with load, and those without. Raises RecordingError where messages are missing."""

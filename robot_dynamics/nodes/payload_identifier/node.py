@@ -161,7 +161,7 @@ class PayloadIdentifier(Node):
             return
         self._received += 1
         try:
-            measurement.samples.add(make_sample(), is_base)
+            measurement.add(make_sample(), self.get_clock().now().nanoseconds, is_base)
         except Exception as error:
             reason = failure_reason(self.get_logger(), error)
             self.get_logger().warning(f"left out: {reason}", throttle_duration_sec=1.0)
