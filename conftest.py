@@ -16,7 +16,7 @@ else:
 
 NODES = re.compile(
     r"^(import rclpy|ros2 |"
-    r"(computed_torque|dynamics_server|joint_state_completer|mobile_base_simulator|replay_check) )",
+    r"(computed_torque|dynamics_server|joint_state_completer|mobile_base_simulator|payload_identifier|replay_check) )",
     re.MULTILINE,
 )
 

@@ -79,7 +79,7 @@ class RequestTarget:
         try:
             work = handle(request, response, dynamics, "/")
             if work is not None:
-                require_point_count(work.count, MOST_POINTS)
+                require_point_count(work, MOST_POINTS)
                 start, size = 0, work.first_range
                 while start < work.count:
                     work.compute(slice(start, min(work.count, start + size)))

@@ -27,7 +27,7 @@ from robot_dynamics.cli.output_files import (
     write_text,
 )
 from robot_dynamics.cli.payload_arguments import add_gain_arguments, parse_known_payloads
-from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
+from robot_dynamics.cli.recording_arguments import add_band_argument, add_recording_arguments, open_recordings
 from robot_dynamics.errors import MissingPackageError, RecordingError, SingularModelError
 from robot_dynamics.model.formats.mdh_yaml.writer import write_mdh_yaml
 
@@ -76,12 +76,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     """Add the arguments of the verb."""
     add_recording_arguments(parser, ("recordings", "+"))
     add_executor_arguments(parser)
-    parser.add_argument(
-        "--band",
-        type=float,
-        metavar="HZ",
-        help="cut-off frequency of the filter of efforts and regressor; default: --cutoff, at most 10",
-    )
+    add_band_argument(parser)
     parser.add_argument(
         "--method",
         choices=("weighted", "ordinary", "robust"),

@@ -20,13 +20,11 @@ from robot_dynamics.cli.output_files import (
     check_writable,
     write_text,
 )
-from robot_dynamics.cli.recording_arguments import add_recording_arguments, open_recordings
+from robot_dynamics.cli.recording_arguments import add_band_argument, add_recording_arguments, open_recordings
 from robot_dynamics.errors import RecordingError, RobotDynamicsError
 
 if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
-    from robot_dynamics.identification.payload_fit import PayloadFit
-    from robot_dynamics.recordings.recording import Recording
 
 NAME = "identify-payload"
 NOT_DETERMINED_EXIT_STATUS = 3
@@ -47,12 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
         help="recording without the payload, best of the same motion; repeat for several recordings. All parameters of "
         "the robot are then fitted too",
     )
-    parser.add_argument(
-        "--band",
-        type=float,
-        metavar="HZ",
-        help="cut-off frequency of the filter of efforts and regressor; default: --cutoff, at most 10",
-    )
+    add_band_argument(parser)
     parser.add_argument(
         "--effort-accuracy",
         type=float,
@@ -85,9 +78,21 @@ def run(arguments: Namespace) -> int:
         raise RecordingError(f"--effort-accuracy {arguments.effort_accuracy:g}: a part of 0 to 1 is needed")
     dynamics, recordings = open_recordings(arguments, [*arguments.recordings, *arguments.empty])
     link = payload_link(dynamics, arguments.link)
-    from robot_dynamics.cli.payload_report import as_dict, node_parameters, parameters_file, print_payload
+    from robot_dynamics.cli.payload_report import as_dict, parameters_file, print_payload
+    from robot_dynamics.cli.progress import progress_wrapper
+    from robot_dynamics.identification.payload_identification import identify_payload, node_parameters
 
-    fit = identify_payload(arguments, dynamics, link, recordings)
+    count = len(arguments.recordings)
+    fit = identify_payload(
+        dynamics,
+        link,
+        recordings[:count],
+        recordings[count:],
+        cutoff=arguments.cutoff,
+        band=arguments.band,
+        effort_accuracy=arguments.effort_accuracy,
+        progress=lambda items, total: progress_wrapper(total, "recordings", unit=" parts")(items),
+    )
     is_determined = fit.is_determined
     try:  # files first: the reader of stdout may be gone. Where a file cannot be written, the results are printed
         if arguments.output:
@@ -108,45 +113,11 @@ def run(arguments: Namespace) -> int:
 def payload_link(dynamics: Dynamics, name: str | None) -> str:
     """Name of the link that carries the payload. Raises RobotDynamicsError if no joint moves it."""
     from robot_dynamics.checking.load_hint import last_link_name
+    from robot_dynamics.identification.payload_identification import require_payload_link
 
-    robot = dynamics.robot
-    if robot.is_massless:
-        raise RecordingError(
-            f"the description of {robot.name!r} has no masses: its efforts without load are not known. Identify it "
-            "first from recordings without load, with the verb identify"
-        )
-    if name is None:
-        return last_link_name(robot)
-    if robot.frame(name).link == 0 and not robot.moving_base:
-        raise RecordingError(f"--link {name}: it is fixed to the base: no joint carries it")
-    return name
-
-
-def identify_payload(arguments: Namespace, dynamics: Dynamics, link: str, recordings: list[Recording]) -> PayloadFit:
-    """Fit the payload on a link to opened recordings, those without payload last."""
-    from robot_dynamics.cli.progress import progress_wrapper
-    from robot_dynamics.identification.identification_model import build_identification_model
-    from robot_dynamics.identification.payload_fit import fit_payload
-    from robot_dynamics.identification.payload_model import PayloadModel
-    from robot_dynamics.identification.samples import Samples
-
-    robot_model = build_identification_model(dynamics, recordings[0].drives)
-    empty = frozenset(recording.name for recording in recordings[len(arguments.recordings) :])
-    loaded = {recording.name for recording in recordings[: len(arguments.recordings)]}
-    if loaded & empty:
-        raise RecordingError(f"--empty {min(loaded & empty)}: the same recording is named as one with the payload")
-
-    def samples_of(model: PayloadModel) -> Samples[PayloadModel]:
-        return Samples(
-            recordings,
-            model,
-            cutoff=arguments.cutoff,
-            band=arguments.band,
-            progress=lambda items, total: progress_wrapper(total, "recordings", unit=" parts")(items),
-        )
-
-    model = PayloadModel(robot_model, link, robot_model, empty_recordings=empty)
-    return fit_payload(samples_of, model, effort_accuracy=arguments.effort_accuracy)
+    link = last_link_name(dynamics.robot) if name is None else name
+    require_payload_link(dynamics.robot, link)
+    return link
 
 
 def set_nodes(names: list[str], values: dict[str, object]) -> None:

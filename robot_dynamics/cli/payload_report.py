@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from robot_dynamics.cli.recording_notes import merge_notes
 from robot_dynamics.cli.text_table import print_table, round_to_digits
+from robot_dynamics.identification.payload_identification import node_parameters
 from robot_dynamics.model.inertia import INERTIA_ENTRIES, symmetric_entries
 
 if TYPE_CHECKING:
@@ -32,17 +33,6 @@ def _ordered(values: Array | BoolArray) -> list[float]:
 
 def _values(fit: PayloadFit) -> list[float]:
     return [fit.inertia.mass, *fit.centre.tolist(), *map(float, symmetric_entries(fit.central_inertia))]
-
-
-def node_parameters(link: str, fit: PayloadFit) -> dict[str, object]:
-    """Parameters payload.* of nodes, the link last."""
-    inertia = fit.inertia
-    return {
-        "payload.mass": float(inertia.mass),
-        "payload.first_moments": inertia.first_moments.tolist(),
-        "payload.inertia": [float(entry) for entry in symmetric_entries(inertia.second_moments)],
-        "payload.link": link,
-    }
 
 
 def parameters_file(link: str, fit: PayloadFit) -> str:

@@ -82,6 +82,16 @@ def add_signal_arguments(parser: ArgumentParser) -> None:
     )
 
 
+def add_band_argument(parser: ArgumentParser) -> None:
+    """Add the option of the filter before a fit."""
+    parser.add_argument(
+        "--band",
+        type=float,
+        metavar="HZ",
+        help="cut-off frequency of the filter of efforts and regressor; default: --cutoff, at most 10",
+    )
+
+
 def parse_sample_range(arguments: Namespace) -> SampleRange:
     """The part of each recording that --from, --to and --samples select. Raises RecordingError."""
     from robot_dynamics.recordings.sample_range import SampleRange
@@ -108,16 +118,12 @@ def open_recordings(arguments: Namespace, paths: Iterable[str]) -> tuple[Dynamic
     """Load the robot of parsed arguments and open the recordings at paths. Raises RobotDynamicsError."""
     # imported here so that the other verbs do not load the packages that filter recordings
     from robot_dynamics.recordings.drives import load_drives
-    from robot_dynamics.recordings.recording import moving_base_link, open_recording
+    from robot_dynamics.recordings.recording import moving_base_link, open_recording, require_motors
 
     if arguments.rate is not None and not 0 < arguments.rate < 1e6:
         raise RecordingError(f"--rate {arguments.rate:g}: a number of samples per second is needed, more than 0")
     dynamics = Dynamics(load_robot_argument(arguments))
-    if dynamics.unactuated_joint_names:
-        raise RecordingError(
-            f"{dynamics.robot.name!r}: no motor drives {', '.join(dynamics.unactuated_joint_names)}: recordings are "
-            "read for robots whose independent joints are all actuated; passive joints of closed loops need no motor"
-        )
+    require_motors(dynamics)
     drives = load_drives(arguments.drives, dynamics.joint_names)
     base = moving_base_link(dynamics)
     part = parse_sample_range(arguments)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Verdict: TypeAlias = Literal["well", "poorly", "not determined"]
 
+EFFORT_ACCURACY = 0.03  # relative standard deviation of the scale of measured efforts, as gains of drives have
 MOTIONS = 200
 MAX_WELL_DETERMINED = 0.25  # standard deviation of predicted efforts, relative to the efforts
 MAX_DETERMINED = 1.0  # beyond which the description without a recording would be as good

@@ -25,7 +25,7 @@ from robot_dynamics.identification.description_prior import (
     DescriptionPrior,
     build_description_prior,
 )
-from robot_dynamics.identification.determination import MAX_WELL_DETERMINED, MOTIONS
+from robot_dynamics.identification.determination import EFFORT_ACCURACY, MAX_WELL_DETERMINED, MOTIONS
 from robot_dynamics.identification.fit_warnings import block_warnings
 from robot_dynamics.identification.fitting import (
     MAX_DEVIATION_OF_SEEN,
@@ -66,7 +66,6 @@ MIN_VARIANCE_RATIO = 1e-14  # of variances of scaled parameters: smaller ones ar
 MIN_DEVIATION = 1e-3  # of the scales of the parameters: lengths, gravity and clocks are not known better
 MAX_INCONSISTENCY = 3.0  # standard deviations between the estimate and the nearest body
 LOAD_FRICTION_PASSES = 3  # of the fit, where friction grows with the load
-EFFORT_ACCURACY = 0.03  # relative standard deviation of the scale of measured efforts, as gains of drives have
 
 
 @dataclass(frozen=True, eq=False)

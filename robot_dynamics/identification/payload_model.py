@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.model.inertia import Inertia, symmetric_entries, symmetric_matrix
+from robot_dynamics.model.inertia import Inertia, symmetric_matrix
 from robot_dynamics.model.robot import attach_payload
-from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS
+from robot_dynamics.newton_euler.regressor import LINK_PARAMETERS, link_parameters
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
@@ -34,7 +34,7 @@ PAYLOAD_COUNT = len(LINK_PARAMETERS)
 
 def to_parameters(inertia: Inertia) -> Array:
     """LINK_PARAMETERS (10,) of an inertia."""
-    return np.array([*symmetric_entries(inertia.second_moments), *inertia.first_moments, inertia.mass], dtype=float)
+    return np.array(link_parameters(inertia), dtype=float)
 
 
 def to_inertia(parameters: Array) -> Inertia:

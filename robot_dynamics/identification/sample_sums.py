@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.identification.motion_blocks import MotionBlocks
 
-NO_SAMPLES = "no sample is left to fit or to validate"
+NO_SAMPLES = "no sample is left to fit or to validate: samples at rest do not count"
 
 
 @dataclass(frozen=True, eq=False)

@@ -289,9 +289,7 @@ class FrameKinematics:
         state = base_state(self._dynamics.robot, base)
         if axes == "frame":
             return screws
-        batch = common_batch_shape(screws[..., 0, :], state.pose[..., 0, :])
-        with np.errstate(all="ignore"):
-            return broadcast_result(rotate_to(np.swapaxes(state.pose[..., :3, :3], -1, -2), screws), batch, axes=2)
+        return screws_in_world(screws, state.pose)
 
 
 def _is_frame(axes: str) -> bool:
@@ -299,6 +297,13 @@ def _is_frame(axes: str) -> bool:
     if axes not in ("frame", "world"):
         raise InvalidInputError(f'axes are "frame" or "world", not {axes!r:.60}')
     return axes == "frame"
+
+
+def screws_in_world(screws: Array, pose: Array) -> Array:
+    """Screws (..., 6, k) in the axes of the world, from those of frame 0, whose pose is (..., 4, 4)."""
+    batch = common_batch_shape(screws[..., 0, :], pose[..., 0, :])
+    with np.errstate(all="ignore"):
+        return broadcast_result(rotate_to(np.swapaxes(pose[..., :3, :3], -1, -2), screws), batch, axes=2)
 
 
 def products(matrices: Array, vectors: Array) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from robot_dynamics.joint_space.frame_kinematics import concatenated_rates, prod
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.inputs import Base
-    from robot_dynamics.joint_space.dynamics_terms import DynamicsTerms
+    from robot_dynamics.joint_space.dynamics_terms import DynamicsTerms, ModelState
     from robot_dynamics.joint_space.frame_kinematics import Axes
 
 
@@ -28,35 +27,40 @@ class FrameState(NamedTuple):
     bias_acceleration: Array
 
 
-def frame_states(
-    dynamics: DynamicsTerms, names: Sequence[str], q: Array, qd: Array, axes: Axes, base: Base | None
-) -> list[FrameState]:
-    """Kinematics of several frames at one state.
-
-    The loops are closed once for all frames, not once for each.
+class FrameStates:
+    """Kinematics of frames at one state. The loops are closed once for all frames, not once for each.
 
     Parameters
     ----------
     dynamics : DynamicsTerms
-    names : sequence of str
-        Names of frames.
     q, qd, axes, base
         As of FrameKinematics.twist, of one sample.
     """
-    frames = [dynamics.robot.frame(name) for name in names]
-    virtual = virtual_links(dynamics.robot)
-    uses_charts = {frame.link not in virtual for frame in frames}
-    states = {use_charts: dynamics._state(q, qd, base, use_charts=use_charts) for use_charts in uses_charts}
-    rates = concatenated_rates(dynamics, qd, base)
-    results = []
-    for frame in frames:
-        state = states[frame.link not in virtual]
+
+    def __init__(self, dynamics: DynamicsTerms, q: Array, qd: Array, axes: Axes, base: Base | None) -> None:
+        self._dynamics = dynamics
+        self._q = q
+        self._qd = qd
+        self._axes = axes
+        self._base = base
+        self._rates = concatenated_rates(dynamics, qd, base)
+        self._states: dict[bool, ModelState] = {}  # with charts of attitudes, and without
+
+    def of(self, name: str) -> FrameState:
+        """Kinematics of the frame with a name. Raises InvalidInputError and SingularModelError."""
+        frame = self._dynamics.robot.frame(name)
+        state = self._state(frame.link not in virtual_links(self._dynamics.robot))
         with np.errstate(all="ignore"):
             motion = frame_motion(state.constrained_state, frame, state.qd, state.drift, state.base.twist[..., 3:])
             pose = state.base.pose @ motion.placement
-            R = motion.placement[:3, :3] if axes == "frame" else state.base.pose[:3, :3].T
+            R = motion.placement[:3, :3] if self._axes == "frame" else state.base.pose[:3, :3].T
             columns = np.column_stack([motion.jacobian, motion.bias_acceleration])
             screws = broadcast_result(rotate_to(R, columns), (), axes=2)
         J = screws[:, :-1]
-        results.append(FrameState(broadcast_result(pose, (), axes=2), J, products(J, rates), screws[:, -1]))
-    return results
+        return FrameState(broadcast_result(pose, (), axes=2), J, products(J, self._rates), screws[:, -1])
+
+    def _state(self, use_charts: bool) -> ModelState:
+        """The state of the robot, computed when it is first needed."""
+        if use_charts not in self._states:
+            self._states[use_charts] = self._dynamics._state(self._q, self._qd, self._base, use_charts=use_charts)
+        return self._states[use_charts]

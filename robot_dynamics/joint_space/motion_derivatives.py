@@ -14,10 +14,16 @@ from robot_dynamics.newton_euler.screw import BASE_ROWS
 from robot_dynamics.results import DirectDerivatives, InverseDerivatives, Linearization
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.codegen.jit.compiled_models import RunnableProgram
     from robot_dynamics.codegen.jit.program_key import ProgramKey
     from robot_dynamics.inputs import Base, ExternalWrenches
+
+
+LAST_ARGUMENTS = {"inverse_derivatives": ("qdd", "accelerations"), "direct_derivatives": ("efforts", "efforts")}
+"""Last argument of each model: its name as an option of `solve`, and in errors."""
 
 
 class MotionDerivatives(DynamicsTerms):
@@ -55,20 +61,7 @@ class MotionDerivatives(DynamicsTerms):
         Coulomb friction counts as constant: its derivative is zero at rest too. The derivative by the parameters of the
         robot is `regressor`.
         """
-        if base is None and external_wrenches is None:
-            columns = self._attempt("inverse_derivatives", q, qd, qdd)
-            if columns is not None:
-                m = len(columns)
-                return InverseDerivatives(columns[:, :m], columns[:, m : 2 * m], columns[:, 2 * m :])
-        arguments = {
-            "q": self._check_positions(q),
-            "qd": self._check_joints("velocities", qd),
-            "qdd": self._check_actuated("accelerations", qdd),
-        }
-        results = self._derivatives("inverse_derivatives", arguments, base, external_wrenches)
-        if results is None:
-            self._refuse_singular_state(q, qd, {"qdd": qdd, "base": base, "external_wrenches": external_wrenches})
-        return InverseDerivatives(*results)
+        return InverseDerivatives(*self._derivatives("inverse_derivatives", q, qd, qdd, base, external_wrenches))
 
     def direct_derivatives(
         self,
@@ -99,22 +92,7 @@ class MotionDerivatives(DynamicsTerms):
         -----
         As `inverse_derivatives`.
         """
-        if base is None and external_wrenches is None:
-            columns = self._attempt("direct_derivatives", q, qd, efforts)
-            if columns is not None:
-                m = len(columns)
-                return DirectDerivatives(columns[:, :m], columns[:, m : 2 * m], columns[:, 2 * m :])
-        arguments = {
-            "q": self._check_positions(q),
-            "qd": self._check_joints("velocities", qd),
-            "efforts": self._check_actuated("efforts", efforts),
-        }
-        results = self._derivatives("direct_derivatives", arguments, base, external_wrenches)
-        if results is None:
-            self._refuse_singular_state(
-                q, qd, {"efforts": efforts, "base": base, "external_wrenches": external_wrenches}
-            )
-        return DirectDerivatives(*results)
+        return DirectDerivatives(*self._derivatives("direct_derivatives", q, qd, efforts, base, external_wrenches))
 
     def linearize(
         self,
@@ -164,10 +142,47 @@ class MotionDerivatives(DynamicsTerms):
         state_names = tuple(f"{kind} of {name}" for kind in ("position", "velocity") for name in names)
         return Linearization(A, B, state_names, tuple(self.joint_names[column] for column in inputs))
 
+    def _compile_derivatives(self, base: Base | None, links: Sequence[str]) -> None:
+        """Compile now what derivatives need with external wrenches on links; it is safe in any thread.
+
+        Raises SingularModelError where there are no derivatives in any state.
+        """
+        for model in LAST_ARGUMENTS:
+            self._runnable_program(program_key(model, self.robot, base, dict.fromkeys(links, np.zeros(6))))
+
     def _derivatives(
         self,
         model: str,
-        arguments: dict[str, Array],
+        q: ArrayLike,
+        qd: ArrayLike,
+        last: ArrayLike,
+        base: Base | None,
+        external_wrenches: ExternalWrenches | None,
+    ) -> list[Array]:
+        """Return the derivatives of a model; `last`: accelerations of the inverse model, efforts of the direct one.
+
+        Raises InvalidInputError and SingularModelError.
+        """
+        if base is None and external_wrenches is None:
+            columns = self._attempt(model, q, qd, last)
+            if columns is not None:
+                m = len(columns)
+                return [columns[:, :m], columns[:, m : 2 * m], columns[:, 2 * m :]]
+        option, description = LAST_ARGUMENTS[model]
+        arguments = [
+            self._check_positions(q),
+            self._check_joints("velocities", qd),
+            self._check_actuated(description, last),
+        ]
+        results = self._run_derivatives(model, arguments, base, external_wrenches)
+        if results is None:
+            self._refuse_singular_state(q, qd, {option: last, "base": base, "external_wrenches": external_wrenches})
+        return results
+
+    def _run_derivatives(
+        self,
+        model: str,
+        arguments: list[Array],
         base: Base | None,
         external_wrenches: ExternalWrenches | None,
     ) -> list[Array] | None:
@@ -176,7 +191,7 @@ class MotionDerivatives(DynamicsTerms):
         wrenches = dict(external_wrenches or {})
         options = {"base": base, "external_wrenches": wrenches}
         inputs = [
-            *arguments.values(),
+            *arguments,
             *base_arguments(model, self.robot, options, base),
             *wrench_arguments(self.robot, wrenches),
         ]

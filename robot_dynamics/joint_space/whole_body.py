@@ -8,10 +8,9 @@ import numpy as np
 
 from robot_dynamics.array_checks import broadcast_result
 from robot_dynamics.constraints.constrained_state import projection_matrix
-from robot_dynamics.constraints.frame_motion import rotate_to
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.inputs import base_state, common_batch_shape
-from robot_dynamics.joint_space.frame_kinematics import concatenated_rates, products
+from robot_dynamics.joint_space.frame_kinematics import concatenated_rates, products, screws_in_world
 from robot_dynamics.newton_euler import centroid
 from robot_dynamics.newton_euler.joint_springs import spring_energy
 from robot_dynamics.newton_euler.screw import apply, dot
@@ -331,7 +330,4 @@ class WholeBody:
         """Momenta (..., 6, k), given in the axes of frame 0, in those of the world."""
         if base is None and not self._robot.moving_base:
             return rows
-        pose = base_state(self._robot, base).pose
-        batch = common_batch_shape(rows[..., 0, :], pose[..., 0, :])
-        with np.errstate(all="ignore"):
-            return broadcast_result(rotate_to(np.swapaxes(pose[..., :3, :3], -1, -2), rows), batch, axes=2)
+        return screws_in_world(rows, base_state(self._robot, base).pose)

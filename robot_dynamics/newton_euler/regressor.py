@@ -9,7 +9,7 @@ joint has: Fva, Fsa, Fst or mu.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from robot_dynamics.newton_euler.screw import apply, cross, screw
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.model.inertia import Inertia
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.newton_euler.augmented import LinkMotion
 
@@ -48,13 +49,17 @@ def parameter_names(robot: Robot) -> tuple[str, ...]:
     return tuple(names)
 
 
+def link_parameters(inertia: Inertia) -> list[Any]:
+    """Values (10,) of LINK_PARAMETERS of an inertia."""
+    return [*symmetric_entries(inertia.second_moments), *inertia.first_moments, inertia.mass]
+
+
 def parameters(robot: Robot) -> Array:
     """θ (p,): values of `parameter_names` for this robot."""
     values: list[float] = []
     for number, link in enumerate(robot.links):
         if number > 0 or robot.moving_base:
-            inertia = link.inertia
-            values += [*symmetric_entries(inertia.second_moments), *inertia.first_moments, inertia.mass]
+            values += link_parameters(link.inertia)
         if number > 0:
             joint = robot.joints[number - 1]
             values += [joint.rotor_inertia, joint.viscous_friction, joint.coulomb_friction]

@@ -22,12 +22,16 @@ from robot_dynamics.nodes.events_executor import make_executor
 from robot_dynamics.nodes.qos import SERVICE_QOS
 
 if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
+
     from robot_dynamics.array_types import ArrayLike
     from robot_dynamics.nodes.batch_messages import BatchResult
 
 # A server can receive the first request of a client before it has discovered where the client listens. The middleware
 # then drops the response, so a first request without a response within this time [s] is sent again.
 DISCOVERY_TIME = 2.0
+POLLING_INTERVAL = 0.005  # [s] in which a thread that does not spin looks for a response
 # Points in a request of `call_batch`, so that messages have some 100 kB, and requests that are sent before a response.
 POINTS_PER_REQUEST = 1000
 REQUESTS_IN_FLIGHT = 2
@@ -46,12 +50,13 @@ def _to_parameter(name: str, value: object) -> Parameter:
 
 
 class ServiceClient:
-    """Calls services from a node of its own.
+    """Calls services from a node of its own, or from one that another thread spins.
 
     Parameters
     ----------
     name, namespace : of the node.
     context : rclpy context; None: the default one, which `rclpy.init()` initialises.
+    node : a node that another thread spins while calls are made in this one; None: a node of its own, which calls spin.
 
     Attributes
     ----------
@@ -59,11 +64,15 @@ class ServiceClient:
         The node, for subscriptions and publishers beside the calls; `spin` runs its callbacks.
     """
 
-    def __init__(self, name: str = "caller", namespace: str = "/", context: Context | None = None) -> None:
-        self.node = rclpy.create_node(name, namespace=namespace, context=context)
+    def __init__(
+        self, name: str = "caller", namespace: str = "/", context: Context | None = None, node: Node | None = None
+    ) -> None:
+        self.node = node or rclpy.create_node(name, namespace=namespace, context=context)
         # Fast DDS passes each response of a service to all its clients: the executor runs for those to others too
-        self._executor = make_executor(context)
-        self._executor.add_node(self.node)
+        self._executor: Executor | None = None
+        if node is None:
+            self._executor = make_executor(context)
+            self._executor.add_node(self.node)
         self._clients: dict[str, Client] = {}
         self._responsive_services: set[str] = set()
 
@@ -100,7 +109,7 @@ class ServiceClient:
                     sent = now
                     patience *= 2
                     futures.append(client.call_async(request))  # a response to an earlier one may still come
-                self._executor.spin_once(timeout_sec=0.1)
+                self._spin_once(0.1)
         finally:
             for future in futures:
                 client.remove_pending_request(future)
@@ -166,7 +175,7 @@ class ServiceClient:
         while not future.done():
             if time.monotonic() > deadline:
                 raise TimeoutError(f"service {service} did not respond within {timeout} s")
-            self._executor.spin_once(timeout_sec=0.1)
+            self._spin_once(0.1)
         return future.result()
 
     def set_parameters(self, node_name: str, values: dict[str, object], timeout: float = 30.0) -> SetParametersResult:
@@ -193,9 +202,17 @@ class ServiceClient:
         """Run the callbacks of the node for a time [s]."""
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
-            self._executor.spin_once(timeout_sec=0.05)
+            self._spin_once(0.05)
 
     def close(self) -> None:
-        """Destroy the node."""
-        self._executor.shutdown()
-        self.node.destroy_node()
+        """Destroy the node, if it is this object's own."""
+        if self._executor is not None:
+            self._executor.shutdown()
+            self.node.destroy_node()
+
+    def _spin_once(self, seconds: float) -> None:
+        """Run a callback of the node, or wait for the thread that does, for a time [s] at most."""
+        if self._executor is None:
+            time.sleep(min(seconds, POLLING_INTERVAL))
+        else:
+            self._executor.spin_once(timeout_sec=seconds)

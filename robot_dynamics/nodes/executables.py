@@ -57,6 +57,11 @@ def mobile_base_simulator() -> int | None:
     return run_executable("mobile_base_simulator")
 
 
+def payload_identifier() -> int | None:
+    """Run the node payload_identifier."""
+    return run_executable("payload_identifier")
+
+
 def replay_check() -> int | None:
     """Run the node replay_check."""
     return run_executable("replay_check")

@@ -14,3 +14,6 @@ LATCHED_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Of services with many clients, which share the history of requests and that of responses. With the default depth of
 10, ten short responses replace a long one that is still being sent, and requests of 11 clients replace each other."""
+
+BUFFERED_INPUT_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Inputs of which no message should be lost while the model computes: they wait in the queue."""

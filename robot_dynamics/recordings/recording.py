@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.drives import Drives
     from robot_dynamics.recordings.joint_motions import Motion
     from robot_dynamics.recordings.joint_samples import JointSample
+    from robot_dynamics.recordings.measured_samples import MeasuredSamples
     from robot_dynamics.recordings.recording_parts import RecordingPart
     from robot_dynamics.recordings.sample_range import SampleRange
 
@@ -37,7 +38,7 @@ class Recording:
 
     Attributes
     ----------
-    source : the files.
+    source : the files, or the samples of a measurement.
     topics : topics that are read.
     drives : conversion from the recorded signals to the joints.
     base : name of the base link where the base moves, and one of the topics has its odometry; else None.
@@ -45,7 +46,7 @@ class Recording:
     part : the part of a long recording that `divide_recording` made; None: the whole recording.
     """
 
-    source: Bag | Table
+    source: Bag | Table | MeasuredSamples
     topics: tuple[str, ...]
     drives: Drives
     base: str | None = None
@@ -203,11 +204,22 @@ def open_recording(
     """
     path = Path(path)
     try:
-        source = _open_source(path, drives)
-        base_topics = source.base_topics(topics) if base is not None else []
-        joint_topics = source.joint_topics([topic for topic in topics if topic not in base_topics])
+        return recording_of(_open_source(path, drives), drives, topics, base, sample_range, part)
     except OSError as error:
         raise RecordingError(f"{path} cannot be read: {error.strerror}") from None
+
+
+def recording_of(
+    source: Bag | Table | MeasuredSamples,
+    drives: Drives,
+    topics: Sequence[str] = (),
+    base: str | None = None,
+    sample_range: SampleRange = WHOLE,
+    part: RecordingPart | None = None,
+) -> Recording:
+    """The Recording of opened files, or of a measurement. Arguments and errors are those of `open_recording`."""
+    base_topics = source.base_topics(topics) if base is not None else []
+    joint_topics = source.joint_topics([topic for topic in topics if topic not in base_topics])
     return Recording(source, (*joint_topics, *base_topics), drives, base, sample_range, part)
 
 
@@ -219,6 +231,15 @@ def _open_source(path: Path, drives: Drives) -> Bag | Table:
     if path.is_dir() and drives.tables is not None:
         return Table(path, drives.tables)
     return Bag(path)
+
+
+def require_motors(dynamics: Dynamics) -> None:
+    """Refuse a robot whose recordings cannot be read. Raises RecordingError."""
+    if dynamics.unactuated_joint_names:
+        raise RecordingError(
+            f"{dynamics.robot.name!r}: no motor drives {', '.join(dynamics.unactuated_joint_names)}: recordings are "
+            "read for robots whose independent joints are all actuated; passive joints of closed loops need no motor"
+        )
 
 
 def moving_base_link(dynamics: Dynamics) -> str | None:

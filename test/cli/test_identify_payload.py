@@ -64,11 +64,11 @@ def test_a_recording_that_does_not_determine_the_payload_has_another_exit_status
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--link", "panda_link0"], "--link panda_link0: it is fixed to the base"),
+        (["--link", "panda_link0"], "link panda_link0: it is fixed to the base"),
         (["--link", "panda_link9"], "unknown link 'panda_link9'"),
         (["--effort-accuracy", "2"], "--effort-accuracy 2: a part of 0 to 1 is needed"),
         (["--output", "payload.txt"], "--output payload.txt: the path of the output file must end with"),
-        (["--empty", "BAG"], "is named as one with the payload"),
+        (["--empty", "BAG"], "is named as one with and without the payload"),
     ],
 )
 def test_wrong_arguments_are_refused(bag, capsys, options, message):

@@ -19,7 +19,7 @@ from robot_dynamics.codegen.trace.kinematic_models import (
     jacobian_model,
 )
 from robot_dynamics.constraints.attitude_charts import virtual_links
-from robot_dynamics.joint_space.frame_states import frame_states
+from robot_dynamics.joint_space.frame_states import FrameStates
 
 SHIPPED = ("four_bar", "delta_wrist", "gough_stewart")
 RANDOM = (3, 8, 11, 12)  # seeds
@@ -192,9 +192,9 @@ def test_many_frames_at_one_state_are_those_frames():
     motion = motion_of("gough_stewart")
     names = frames_of(motion.robot, motion.rng)
     for axes in ("frame", "world"):
-        for name, state in zip(
-            names, frame_states(motion.dynamics, names, motion.q, motion.qd, axes, None), strict=True
-        ):
+        states = FrameStates(motion.dynamics, motion.q, motion.qd, axes, None)
+        for name in names:
+            state = states.of(name)
             frame = motion.dynamics.frame(name)
             assert_rows(state.pose, frame.pose(motion.q))
             assert_rows(state.jacobian, frame.jacobian(motion.q, axes=axes))

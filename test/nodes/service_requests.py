@@ -10,6 +10,7 @@ from robot_dynamics_interfaces.srv import (
     DynamicsTerms,
     FrameKinematics,
     InverseDynamics,
+    Linearize,
     NaturalFrequencies,
     StaticEquilibrium,
     WholeBody,
@@ -24,6 +25,7 @@ SERVICES = {
     StaticEquilibrium.Request: (StaticEquilibrium, "static_equilibrium"),
     FrameKinematics.Request: (FrameKinematics, "frame_kinematics"),
     WholeBody.Request: (WholeBody, "whole_body"),
+    Linearize.Request: (Linearize, "linearize"),
     NaturalFrequencies.Request: (NaturalFrequencies, "natural_frequencies"),
 }
 

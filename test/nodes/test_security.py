@@ -24,6 +24,7 @@ CONFIGURATIONS = {
     "dynamics_server": [{"robot_file": "panda", "use_sim_time": True}],
     "joint_state_completer": [{"robot_file": "delta", "use_sim_time": True}],
     "mobile_base_simulator": [MOVING, {"robot_file": "panda", "publish_clock": False, "use_sim_time": True}],
+    "payload_identifier": [{"robot_file": "panda", "use_sim_time": True}, MOVING],
     "replay_check": [{"robot_file": "panda", "use_sim_time": True}, MOVING],
 }
 """Parameters of each node: together they open all interfaces that it can open."""

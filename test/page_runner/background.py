@@ -13,6 +13,7 @@ START_TIME = 120.0  # [s] until a node is ready
 # what the log of a node says when it is ready
 READY = {
     "dynamics_server": "serving Robot|no robot yet",
+    "payload_identifier": "serving Robot|no robot yet",
     "replay_check": "serving Robot|no robot yet",
     "joint_state_completer": "serving Robot|no robot yet",
     "contact_monitor": "serving Robot|no robot yet",

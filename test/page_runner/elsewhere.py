@@ -50,7 +50,7 @@ ELSEWHERE = (
     Elsewhere(r"cd \S+", reason="the folder of the reader; all commands of a page run in one folder"),
     Elsewhere(r"ros2 run controller_manager spawner .*", reason=NO_ROS2_COMMAND),
     Elsewhere(r"xacro .*", reason=NO_ROS2_COMMAND),
-    Elsewhere(r"ros2 (bag|control|doctor|interface|pkg) .*", reason=NO_ROS2_COMMAND),
+    Elsewhere(r"ros2 (bag record|control|doctor|interface|pkg) .*", reason=NO_ROS2_COMMAND),
 )
 
 

@@ -21,11 +21,13 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.context import Context
 from rclpy.parameter import get_parameter_value
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from page_runner.background import READY, BackgroundNodes, full_name
 from page_runner.messages import fill, interface_type, plain
 from robot_dynamics.nodes.client import ServiceClient
+from robot_dynamics.recordings.bags import Bag
 
 PATIENCE = 60.0  # [s] for a response, a subscriber, a message
 SETTLE_TIME = 0.5  # [s] that a message has to arrive before the next command
@@ -71,6 +73,7 @@ class RosCommands:
             "service call": self._service_call,
             "service list": lambda _: self._names(self._client.node.get_service_names_and_types()),
             "topic list": lambda _: self._names(self._client.node.get_topic_names_and_types()),
+            "bag play": self._bag_play,
             "topic pub": self._topic_pub,
             "topic echo": self._topic_echo,
             "topic info": self._topic_exists,
@@ -212,6 +215,33 @@ class RosCommands:
 
         publisher.publish(message)
         threading.Thread(target=publish, daemon=True).start()
+
+    def _bag_play(self, words: list[str]) -> str:
+        """Publish the joint states of a bag in the background, with the stamps that they have."""
+        loops = "--loop" in words
+        (path,) = [word for word in words if word != "--loop"]
+        bag = Bag(Path(path))
+        samples = list(bag.samples(bag.joint_topics()))
+        publishers = {each: self._publisher(each, JointState, 1000) for each in {sample.source for sample in samples}}
+        stop = self._repeated[path] = threading.Event()
+
+        def play() -> None:
+            is_first = True
+            while (loops or is_first) and not stop.is_set():
+                started = time.monotonic()
+                for sample in samples:
+                    due = started + (sample.receive_time - samples[0].receive_time) / 1e9
+                    if stop.wait(max(0.0, due - time.monotonic())):
+                        return
+                    message = JointState(name=list(sample.names))
+                    message.header.stamp.sec, message.header.stamp.nanosec = divmod(sample.stamp, 10**9)
+                    for field in ("position", "velocity", "effort"):
+                        setattr(message, field, getattr(sample, field).tolist())
+                    publishers[sample.source].publish(message)
+                is_first = False
+
+        threading.Thread(target=play, daemon=True).start()
+        return ""
 
     def _topic_echo(self, words: list[str]) -> str:
         assert "--once" in words, "in a page `ros2 topic echo` needs --once, or it does not end"

@@ -72,7 +72,7 @@ class ArrayFields:
 
 
 class BatchWork:
-    """PointWork of inverse or direct dynamics with flat arrays."""
+    """Work of inverse or direct dynamics with flat arrays."""
 
     def __init__(
         self,
@@ -144,7 +144,7 @@ class BatchWork:
 
 
 class TermsWork:
-    """PointWork of the terms of the dynamic model."""
+    """Work of the terms of the dynamic model."""
 
     def __init__(
         self,

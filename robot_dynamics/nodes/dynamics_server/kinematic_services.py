@@ -6,13 +6,14 @@ links.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 
 from robot_dynamics.joint_space.frame_kinematics import concatenated_rates, products
-from robot_dynamics.joint_space.frame_states import frame_states
+from robot_dynamics.joint_space.frame_states import FrameStates
 from robot_dynamics.model.placement import to_scipy_rotation
 from robot_dynamics.nodes.codecs.base import read_base_point
 from robot_dynamics.nodes.codecs.fields import require_empty, to_float_array
@@ -22,6 +23,7 @@ from robot_dynamics.nodes.codecs.joint_trajectories import PointFields
 from robot_dynamics.nodes.codecs.joint_values import read_positions, read_velocities
 from robot_dynamics.nodes.codecs.wrenches import resolve_link, write_wrench
 from robot_dynamics.nodes.dynamics_server.point_terms import term_names, term_rows
+from robot_dynamics.nodes.dynamics_server.point_work import StepWork
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
@@ -43,42 +45,63 @@ class _State(NamedTuple):
 
 def handle_frame_kinematics(
     request: FrameKinematics.Request, response: FrameKinematics.Response, dynamics: Dynamics, namespace: str
-) -> None:
+) -> StepWork:
     """FrameKinematics.srv: poses, twists, Jacobians and bias accelerations of frames at one state."""
-    q, qd, base, columns, response.joint_names = _read_state(request, dynamics, namespace)
+    state = _read_state(request, dynamics, namespace)
     robot = dynamics.robot
     named = [resolve_link(name, robot, namespace, f"frames[{k}]") for k, name in enumerate(request.frames)]
     frames = named or list(robot.frames_by_name)
     axes: Axes = "world" if request.world_axes else "frame"
-    states = frame_states(dynamics, frames, q, qd, axes, base)
-    for state in states:
-        response.poses.append(write_pose(state.pose[:3, 3], to_scipy_rotation(state.pose[:3, :3]).as_quat()))
-        response.twists.append(write_twist(state.twist))
-        response.bias_accelerations.append(write_accel(state.bias_acceleration))
-    response.jacobians = to_float_array(np.array([state.jacobian[:, columns] for state in states]))
-    response.frames = list(request.frames) or frames
-    response.success = True
+    states = FrameStates(dynamics, state.q, state.qd, axes, state.base)
+    jacobians: list[Array] = []
+
+    def add(name: str) -> None:
+        frame = states.of(name)
+        response.poses.append(write_pose(frame.pose[:3, 3], to_scipy_rotation(frame.pose[:3, :3]).as_quat()))
+        response.twists.append(write_twist(frame.twist))
+        response.bias_accelerations.append(write_accel(frame.bias_acceleration))
+        jacobians.append(frame.jacobian[:, state.columns])
+
+    def complete() -> None:
+        response.jacobians = to_float_array(np.array(jacobians))
+        response.frames = list(request.frames) or frames
+        response.joint_names = state.column_names
+        response.success = True
+
+    return StepWork([*(partial(add, name) for name in frames), complete])
 
 
 def handle_whole_body(
     request: WholeBody.Request, response: WholeBody.Response, dynamics: Dynamics, namespace: str
-) -> None:
+) -> StepWork:
     """WholeBody.srv: centre of mass, momentum and energy at one state."""
     q, qd, base, columns, response.joint_names = _read_state(request, dynamics, namespace)
     body = dynamics.whole_body
-    response.mass = body.mass
-    response.centre_of_mass = _fill(Point(), body.centre_of_mass(q, base=base))
-    matrix = body.centroidal_momentum_matrix(q, base=base)
-    momentum = products(matrix, concatenated_rates(dynamics, qd, base))
-    response.centre_of_mass_velocity = _fill(Vector3(), momentum[:3] / body.mass)
-    response.linear_momentum = _fill(Vector3(), momentum[:3])
-    response.angular_momentum = _fill(Vector3(), momentum[3:])
-    response.momentum_matrix = to_float_array(matrix[:, columns])
-    response.momentum_bias = write_wrench(body.centroidal_momentum_bias(q, qd, base=base))
-    response.kinetic_energy = float(body.kinetic_energy(q, qd, base=base))
-    response.gravitational_energy = float(body.gravitational_energy(q, base=base))
-    response.elastic_energy = float(body.elastic_energy(q))
-    response.success = True
+
+    def add_momentum() -> None:
+        response.mass = body.mass
+        matrix = body.centroidal_momentum_matrix(q, base=base)
+        momentum = products(matrix, concatenated_rates(dynamics, qd, base))
+        response.centre_of_mass_velocity = _fill(Vector3(), momentum[:3] / body.mass)
+        response.linear_momentum = _fill(Vector3(), momentum[:3])
+        response.angular_momentum = _fill(Vector3(), momentum[3:])
+        response.momentum_matrix = to_float_array(matrix[:, columns])
+
+    def add_centre() -> None:
+        response.centre_of_mass = _fill(Point(), body.centre_of_mass(q, base=base))
+
+    def add_bias() -> None:
+        response.momentum_bias = write_wrench(body.centroidal_momentum_bias(q, qd, base=base))
+
+    def add_kinetic_energy() -> None:
+        response.kinetic_energy = float(body.kinetic_energy(q, qd, base=base))
+
+    def add_potential_energy() -> None:
+        response.gravitational_energy = float(body.gravitational_energy(q, base=base))
+        response.elastic_energy = float(body.elastic_energy(q))
+        response.success = True
+
+    return StepWork([add_centre, add_momentum, add_bias, add_kinetic_energy, add_potential_energy])
 
 
 def _read_state(request: FrameKinematics.Request | WholeBody.Request, dynamics: Dynamics, namespace: str) -> _State:

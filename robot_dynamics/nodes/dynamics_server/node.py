@@ -1,5 +1,5 @@
 """The node dynamics_server: inverse and direct dynamics, the terms of the model, kinematics of frames, momentum and
-energy, static equilibria and natural frequencies as services."""
+energy, derivatives, static equilibria and natural frequencies as services."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from robot_dynamics.nodes.dynamics_server.batch_services import (
     handle_inverse_dynamics_batch,
 )
 from robot_dynamics.nodes.dynamics_server.kinematic_services import handle_frame_kinematics, handle_whole_body
+from robot_dynamics.nodes.dynamics_server.linearization_service import handle_linearize
 from robot_dynamics.nodes.dynamics_server.parameters import PARAMETERS
 from robot_dynamics.nodes.dynamics_server.point_work import require_point_count
 from robot_dynamics.nodes.dynamics_server.request_turns import RequestTurns
@@ -46,6 +47,7 @@ from robot_dynamics_interfaces.srv import (
     FrameKinematics,
     InverseDynamics,
     InverseDynamicsBatch,
+    Linearize,
     NaturalFrequencies,
     StaticEquilibrium,
     WholeBody,
@@ -65,6 +67,7 @@ SERVICES: tuple[tuple[type, str, Handler], ...] = (
     (DynamicsTermsBatch, "dynamics_terms_batch", handle_dynamics_terms_batch),
     (FrameKinematics, "frame_kinematics", handle_frame_kinematics),
     (WholeBody, "whole_body", handle_whole_body),
+    (Linearize, "linearize", handle_linearize),
     (StaticEquilibrium, "static_equilibrium", handle_static_equilibrium),
     (NaturalFrequencies, "natural_frequencies", handle_natural_frequencies),
 )
@@ -72,7 +75,7 @@ SERVICES: tuple[tuple[type, str, Handler], ...] = (
 
 class DynamicsServer(Node):
     """Provides the services ~/inverse_dynamics, ~/direct_dynamics, ~/dynamics_terms, ~/frame_kinematics, ~/whole_body,
-    ~/static_equilibrium and ~/natural_frequencies of a robot; the first three also with flat arrays, as
+    ~/linearize, ~/static_equilibrium and ~/natural_frequencies of a robot; the first three also with flat arrays, as
     ~/inverse_dynamics_batch and so on.
 
     Parameter robot_file (a path, or a robot that ships) or robot_description (a text) selects the robot, else the
@@ -110,7 +113,7 @@ class DynamicsServer(Node):
             work = handle(request, response, self._robot.dynamics, self._namespace)
             if work is None:
                 return complete("")
-            require_point_count(work.count, self._max_points)
+            require_point_count(work, self._max_points)
             return self._turns.start(work, complete)
         except Exception as error:
             return complete(failure_reason(self.get_logger(), error))

@@ -52,7 +52,7 @@ def handle_static_equilibrium(
 
 
 class TrajectoryWork:
-    """PointWork of inverse or direct dynamics: it fills the field `computed` of the points, and what goes with it."""
+    """Work of inverse or direct dynamics: it fills the field `computed` of the points, and what goes with it."""
 
     def __init__(
         self,
@@ -100,7 +100,7 @@ class TrajectoryWork:
 
 
 class EquilibriumWork:
-    """PointWork of static equilibria."""
+    """Work of static equilibria."""
 
     def __init__(
         self,

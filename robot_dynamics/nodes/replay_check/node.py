@@ -15,7 +15,7 @@ from rclpy.clock_type import ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -34,6 +34,7 @@ from robot_dynamics.nodes.parameters import (
     try_parameter_change,
     validate_changes,
 )
+from robot_dynamics.nodes.qos import BUFFERED_INPUT_QOS
 from robot_dynamics.nodes.replay_check.health import check_figures, check_health, joint_parts
 from robot_dynamics.nodes.replay_check.parameters import PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
@@ -51,9 +52,7 @@ if TYPE_CHECKING:
         ParameterValues,
     )
 
-# inputs wait in the queue while the model computes; outputs of a third of a second are published at once
-INPUT_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-OUTPUT_QOS = QoSProfile(depth=1000)
+OUTPUT_QOS = QoSProfile(depth=1000)  # outputs of a third of a second are published at once
 TICK = 0.1  # [s] between two evaluations
 
 
@@ -91,7 +90,8 @@ class ReplayCheck(Node):
         self._residual = self.create_publisher(JointState, "~/residual", OUTPUT_QOS)
         topics = dict.fromkeys(self._values["topics"]) or ["joint_states"]
         self._joint_state_subscriptions = [
-            self.create_subscription(JointState, topic, self._on_joint_state(topic), INPUT_QOS) for topic in topics
+            self.create_subscription(JointState, topic, self._on_joint_state(topic), BUFFERED_INPUT_QOS)
+            for topic in topics
         ]
         self._service_handles = [
             self.create_service(Trigger, "~/report", self._on_report),
@@ -119,7 +119,9 @@ class ReplayCheck(Node):
         self._is_finished = True
         self._odometry = OdometryReader(dynamics.robot.base_link)
         if dynamics.robot.moving_base and self._odometry_subscription is None:
-            self._odometry_subscription = self.create_subscription(Odometry, "odom", self._on_odometry, INPUT_QOS)
+            self._odometry_subscription = self.create_subscription(
+                Odometry, "odom", self._on_odometry, BUFFERED_INPUT_QOS
+            )
         try:
             self._check = self._new_check(dynamics, self._values)
             self._setup_error = ""
