@@ -12,8 +12,8 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.root_element import root_name
+from robot_dynamics.model.formats.similar_names import similar_name
 from robot_dynamics.model.formats.urdf.document import decode_urdf, local_name, parse_xml, refuse_external_references
-from robot_dynamics.model.formats.urdf.ignored_content import similar_name
 from robot_dynamics.model.placement import placement, rotation_from_quaternion, rotation_from_roll_pitch_yaw
 
 if TYPE_CHECKING:

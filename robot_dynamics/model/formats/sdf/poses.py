@@ -25,17 +25,17 @@ class Poses:
 
     def of(self, node: Node) -> Array:
         """Return the pose of a node in the frame of the model."""
-        chain = []
+        chain: dict[Node, None] = {}  # ordered, and quick to search
         while node not in self._known:
             if node in chain:
                 _fail(node, "its pose is relative to itself, through a cycle of frames")
             if node is self._assembly.world:
                 self._known[node] = invert_placement(self.model_in_world())
                 break
-            chain.append(node)
+            chain[node] = None
             node = self._reference(node)
         pose = self._known[node]
-        for passed in reversed(chain):
+        for passed in reversed(list(chain)):
             pose = pose @ self._pose_in_reference(passed)
             self._known[passed] = pose
         return pose
@@ -46,12 +46,11 @@ class Poses:
 
     def link(self, node: Node) -> Node:
         """Return the link, or the world, that carries a node."""
-        passed = []
+        passed: set[Node] = set()
         while node.kind not in ("link", "world"):
             if node in passed:
                 _fail(node, "it is attached to itself, through a cycle of frames")
-            passed.append(node)
-            carrier = None
+            passed.add(node)
             if node.attached_to is not None:
                 carrier = self._find(node, node.attached_to)
             elif node.kind == "model":
@@ -80,11 +79,11 @@ class Poses:
             return node.pose
         inside = self._find(node, node.placement_frame)
         inner = np.eye(4)
-        passed = []
+        passed: set[Node] = set()
         while inside is not node:
             if inside in passed or inside.kind == "world":
                 _fail(node, f"its placement_frame {node.placement_frame[1]!r} is no frame inside it")
-            passed.append(inside)
+            passed.add(inside)
             inner = self._pose_in_reference(inside) @ inner
             inside = self._reference(inside)
         return node.pose @ invert_placement(inner)

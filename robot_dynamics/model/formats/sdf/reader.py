@@ -10,8 +10,8 @@ import numpy as np
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.sdf.document import parse_sdf
-from robot_dynamics.model.formats.sdf.inertias import read_inertia
-from robot_dynamics.model.formats.sdf.joints import JointReader, axis_rotation
+from robot_dynamics.model.formats.sdf.joint_axes import JointReader, axis_rotation
+from robot_dynamics.model.formats.sdf.link_inertias import read_inertia
 from robot_dynamics.model.formats.sdf.model_choice import choose_model
 from robot_dynamics.model.formats.sdf.poses import Poses, without_rounding
 from robot_dynamics.model.formats.sdf.scopes import Assembly
@@ -26,7 +26,7 @@ from robot_dynamics.model.robot import EARTH_GRAVITY, Frame, Link, Robot, to_gra
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
-    from robot_dynamics.model.formats.sdf.joints import Motion
+    from robot_dynamics.model.formats.sdf.joint_axes import Motion
     from robot_dynamics.model.formats.sdf.scopes import Node
 
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 WORLD = "world"
 MODEL = "__model__"
 SEPARATOR = "::"
+MAX_JOINTS = 10_000  # also fixed ones, of which real robots have hundreds
 
 
 class ModelSource(NamedTuple):
@@ -126,6 +127,8 @@ class Assembly:
         self.world = Node("world", WORLD)
         self._nodes: dict[str, Node] = {}
         self.model = self._add_model(source, "", MODEL, Scope("", self.world, source.document), 0)
+        if len(self.joints) > MAX_JOINTS:
+            source.document.fail(source.element, f"{len(self.joints)} joints are too many: the maximum is {MAX_JOINTS}")
 
     def find(self, scope: Scope, name: str, element: Element) -> Node:
         """Return what a name means in a scope; element: where it is written."""

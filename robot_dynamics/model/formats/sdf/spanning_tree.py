@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from robot_dynamics.model.formats.sdf.joints import Motion
+    from robot_dynamics.model.formats.sdf.joint_axes import Motion
     from robot_dynamics.model.formats.sdf.scopes import Node
 
 
