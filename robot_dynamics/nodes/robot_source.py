@@ -59,8 +59,8 @@ PARAMETERS = by_name(
     ParameterSpec(
         "robot_file",
         "",
-        "path of a URDF, a xacro, an SDF, an MJCF, an MDH table or a .par, or the name of a robot that ships. Where this "
-        "and robot_description are empty, the topic robot_description is used",
+        "path of a URDF, a xacro, an SDF, an MJCF, an MDH table or a .par, or the name of a robot that ships. Where "
+        "this and robot_description are empty, the topic robot_description is used",
         read_at="configuration",
     ),
     ParameterSpec(

@@ -204,11 +204,11 @@ def parse_sdf(text: str | bytes, source: str, folder: Path | None, warnings: Lin
     """
     text = decode_urdf(text, source)
     refuse_external_references(text, source)
+    # Gazebo reads comments with `--` inside, and before the declaration, which XML forbids
+    text = COMMENT.sub(lambda match: "\n" * match.group().count("\n"), text)
     declaration = re.match(r"\s*<\?xml.*?\?>", text, re.DOTALL)
     if declaration:  # the text is decoded already; line numbers stay
         text = "\n" * declaration.group().count("\n") + text[declaration.end() :]
-    # Gazebo reads comments with `--` inside, which XML forbids
-    text = COMMENT.sub(lambda match: "\n" * match.group().count("\n"), text)
     try:
         root = parse_xml(text.encode("utf-8"))
     except (etree.XMLSyntaxError, ValueError) as error:

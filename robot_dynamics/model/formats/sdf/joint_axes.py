@@ -27,10 +27,9 @@ AXES = {
     "screw": ("axis",),
     "universal": ("axis", "axis2"),
     "revolute2": ("axis", "axis2"),
+    "gearbox": (),
 }
-"""Types of joints that are read, with their axes. A ball joint is read where it closes a loop."""
-
-REMEDIES = {"gearbox": "write two revolute joints, one of which has <mimic>"}
+"""Types of joints, with the axes of their motions. A ball joint is read where it closes a loop."""
 
 
 class Motion(NamedTuple):
@@ -89,8 +88,6 @@ class JointReader:
         kind: str = element.get("type", "")
         if kind in AXES:
             return kind
-        if kind in REMEDIES:
-            document.fail(element, f"joint {node.name!r} has type {kind!r}, which is not read: {REMEDIES[kind]}")
         document.fail(element, f"joint {node.name!r}: {describe_unknown_name('type', kind, AXES)}")
 
     def motions(self, node: Node) -> list[Motion]:
@@ -133,7 +130,7 @@ class JointReader:
         return Motion(
             name=name,
             prismatic=prismatic,
-            axis=self._direction(node, element),
+            axis=self.direction(node, element),
             limits=_limits(document, limit, kind == "continuous"),
             rotor_inertia=_rotor_inertia(document, _element(node)) if tag == "axis" else 0.0,
             viscous_friction=damping,
@@ -142,7 +139,7 @@ class JointReader:
             mimic=mimic,
         )
 
-    def _direction(self, node: Node, axis: Element) -> Array:
+    def direction(self, node: Node, axis: Element) -> Array:
         """Return the direction (3,) of an axis in the frame of the joint."""
         document = _document(node)
         element = document.child(axis, "xyz")

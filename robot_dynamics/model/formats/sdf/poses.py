@@ -51,6 +51,7 @@ class Poses:
             if node in passed:
                 _fail(node, "it is attached to itself, through a cycle of frames")
             passed.add(node)
+            carrier: Node | None
             if node.attached_to is not None:
                 carrier = self._find(node, node.attached_to)
             elif node.kind == "model":

@@ -10,6 +10,7 @@ import numpy as np
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.sdf.document import parse_sdf
+from robot_dynamics.model.formats.sdf.gearboxes import GearboxReader
 from robot_dynamics.model.formats.sdf.joint_axes import JointReader, axis_rotation
 from robot_dynamics.model.formats.sdf.link_inertias import read_inertia
 from robot_dynamics.model.formats.sdf.model_choice import choose_model
@@ -127,7 +128,7 @@ class _Builder:
 
     def build(self, name: str, moving_base: bool | None, gravity: ArrayLike) -> Robot:
         """Return the Robot."""
-        edges = [self._edge(node) for node in self._assembly.joints]
+        edges = self._edges()
         is_held = any(self._assembly.world in (edge.parent, edge.child) for edge in edges)
         moves = not is_held if moving_base is None else moving_base
         root, starts_in_world = self._find_base(edges, is_held, moves)
@@ -149,6 +150,16 @@ class _Builder:
             gravity=to_gravity_vector(gravity),
             loops=tuple(self._loops),
         )
+
+    def _edges(self) -> list[JointEdge]:
+        """Return all joints, but for gearboxes: they couple two others."""
+        read = [self._edge(node) for node in self._assembly.joints]
+        edges = [edge for edge in read if edge.kind != "gearbox"]
+        gearboxes = GearboxReader(self._assembly, self._poses, self._reader)
+        for edge in read:
+            if edge.kind == "gearbox":
+                gearboxes.couple(edge, edges)
+        return edges
 
     def _edge(self, node: Node) -> JointEdge:
         """Return a joint with its links."""

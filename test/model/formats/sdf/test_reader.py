@@ -129,7 +129,33 @@ MIMIC = (
   <body name="second" pos=".2 0 0">{MJCF_ROD}<joint name="follower" type="slide" axis="1 0 0"/></body></body>
 </worldbody><equality><joint joint1="follower" joint2="leader" polycoef=".35 -1.5 0 0 0"/></equality></mujoco>""",
 )
-PAIRS = {"tree": TREE, "free base": FREE, "four-bar": (FOUR_BAR, MJCF_FOUR_BAR), "screw": SCREW, "mimic": MIMIC}
+GEARBOX = (
+    sdf(
+        link("pelvis"),
+        link("rotor"),
+        link("thigh", ".1 0 0"),
+        joint("hip", "revolute", "world", "pelvis", "0 0 1"),
+        joint("motor", "revolute", "pelvis", "rotor", "0 -1 0"),
+        joint("knee", "revolute", "pelvis", "thigh", "0 1 0"),
+        joint("gears", "gearbox", "rotor", "thigh", "0 1 0").replace(
+            "</joint>",
+            "<axis2><xyz>0 1 0</xyz></axis2><gearbox_ratio>.04</gearbox_ratio>"
+            "<gearbox_reference_body>pelvis</gearbox_reference_body></joint>",
+        ),
+    ),
+    f"""<mujoco><worldbody><body name="pelvis">{MJCF_ROD}<joint name="hip" axis="0 0 1"/>
+  <body name="rotor">{MJCF_ROD}<joint name="motor" axis="0 -1 0"/></body>
+  <body name="thigh" pos=".1 0 0">{MJCF_ROD}<joint name="knee" axis="0 1 0"/></body></body></worldbody>
+<equality><joint joint1="motor" joint2="knee" polycoef="0 25 0 0 0"/></equality></mujoco>""",
+)
+PAIRS = {
+    "tree": TREE,
+    "free base": FREE,
+    "four-bar": (FOUR_BAR, MJCF_FOUR_BAR),
+    "screw": SCREW,
+    "mimic": MIMIC,
+    "gearbox": GEARBOX,
+}
 
 
 @pytest.mark.reference
@@ -327,7 +353,7 @@ def changed(old, new, text=TREE[0]):
 
 
 REFUSED = {
-    "gearbox": (changed('"continuous"', '"gearbox"'), "joint 'side' has type 'gearbox', which is not read"),
+    "gearbox": (changed('"continuous"', '"gearbox"'), "gearbox 'side': it needs <gearbox_reference_body>"),
     "unknown type": (changed('"continuous"', '"hinge"'), "joint 'side': unknown type 'hinge'"),
     "ball": (changed('"continuous"', '"ball"'), "joint 'side' is a ball joint that closes no loop"),
     "automatic inertia": (changed("<inertial>", '<inertial auto="true">'), "link 'stand' has an inertia from its"),
