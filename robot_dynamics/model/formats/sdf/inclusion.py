@@ -88,7 +88,8 @@ def _paths(uri: str, folder: Path) -> Iterator[Path]:
     elif scheme == "package" and separator:
         folders = list(package_folders(name, folder, {}))
     elif not separator:
-        folders, inner = [folder], rest
+        folders = [folder, *_model_folders(folder)]  # Gazebo takes a name without model:// for one with it too
+        inner = rest
     else:
         return
     for base in folders:

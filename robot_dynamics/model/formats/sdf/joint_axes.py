@@ -29,7 +29,7 @@ AXES = {
     "revolute2": ("axis", "axis2"),
     "gearbox": (),
 }
-"""Types of joints, with the axes of their motions. A ball joint is read where it closes a loop."""
+"""Types of joints, with the axes of their motions. A ball joint has three of its own."""
 
 
 class Motion(NamedTuple):
@@ -96,6 +96,11 @@ class JointReader:
         document.check_children(element, "joint")
         tags = AXES[kind]
         motions = [self._motion(node, kind, tag) for tag in tags]
+        if kind == "ball":
+            passive = Limits(effort=0.0)
+            motions = [
+                Motion(f"{node.name}:{tag}", False, axis, passive) for tag, axis in zip("xyz", np.eye(3), strict=True)
+            ]
         if kind == "screw":
             turn = motions[0]
             lead = Mimic(turn.name, _travel_per_radian(document, element))

@@ -134,7 +134,8 @@ class _Builder:
         root, starts_in_world = self._find_base(edges, is_held, moves)
         tree = span_tree(root, self._assembly.links, edges)
         if tree.unreached:
-            self._fail(tree.unreached[0], self._unreached_message(tree.unreached[0], root, edges))
+            message = f"no joints connect it to {root.name!r}: one robot is needed. Remove it, or add a joint"
+            self._fail(tree.unreached[0], message)
         self._start(root, starts_in_world)
         for edge, is_reversed in tree.steps:
             self._add_step(edge, is_reversed)
@@ -184,16 +185,6 @@ class _Builder:
         root = roots[0] if len(roots) == 1 else self._poses.link(self._assembly.model)
         pose = self._poses.model_in_world() @ self._poses.of(root)
         return root, not moves and not np.array_equal(without_rounding(pose), np.eye(4))
-
-    def _unreached_message(self, link: Node, root: Node, edges: list[JointEdge]) -> str:
-        """Return why no tree reaches a link."""
-        ball = next((edge for edge in edges if edge.kind == "ball" and link in (edge.parent, edge.child)), None)
-        if ball is not None:
-            return (
-                f"joint {ball.node.name!r} is a ball joint that closes no loop: write three revolute joints with their "
-                "axes through its centre"
-            )
-        return f"no joints connect it to {root.name!r}: one robot is needed. Remove it, or add a joint"
 
     def _start(self, root: Node, starts_in_world: bool) -> None:
         """Add link 0."""
@@ -274,7 +265,7 @@ class _Builder:
                 self._fail(edge.node, "its links are fixed to each other by other joints, so that it cannot move")
             return  # fixed twice
         pose = self._poses.of(edge.node)
-        for motion in edge.motions:
+        for motion in () if edge.kind == "ball" else edge.motions:
             taken = {frame.name for frame in self._frames}
             link = make_unique_name(f"{motion.name}_link", taken)
             body = self._add_motion(edge, motion, body, link, actuated=False if motion.mimic is None else True)

@@ -55,7 +55,7 @@ def span_tree(root: Node, links: list[Node], edges: list[JointEdge]) -> Spanning
     """Return the tree from a root, depth first, the joints of a link in the order of the document.
 
     Of the joints to one child that with a motor belongs to the tree, else the first one. A joint leads from its child
-    to its parent only where the parent is not reached in another way. Ball joints always close loops.
+    to its parent only where the parent is not reached in another way. Ball joints close loops where they can.
     """
     preferred: dict[Node, JointEdge] = {}
     for edge in sorted((edge for edge in edges if edge.kind != "ball"), key=lambda edge: not edge.is_driven):
@@ -91,8 +91,9 @@ def _descend(
 
 
 def _next_step(edges: list[JointEdge], reached: set[Node]) -> Step | None:
-    """Return the first joint with one reached link, forwards where possible."""
-    candidates = [edge for edge in edges if edge.kind != "ball" and (edge.parent in reached) != (edge.child in reached)]
+    """Return the first joint with one reached link, forwards where possible, a ball joint if there is no other."""
+    candidates = [edge for edge in edges if (edge.parent in reached) != (edge.child in reached)]
+    candidates = [edge for edge in candidates if edge.kind != "ball"] or candidates
     forwards = next((edge for edge in candidates if edge.parent in reached), None)
     if forwards is not None:
         return Step(forwards, False)
