@@ -12,6 +12,7 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.isolated_call import call_isolated
 from robot_dynamics.model.formats.mjcf.actuators import actuated_joints, added_to_joint, effort_limit
 from robot_dynamics.model.formats.mjcf.equalities import active_equalities, read_loops, read_mimics
+from robot_dynamics.model.formats.mjcf.geoms import read_geoms
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Limits, Spring
@@ -113,6 +114,11 @@ class _Builder:
             moving_base=is_free if moving_base is None else moving_base,
             gravity=to_gravity_vector(gravity),
             loops=loops,
+            visuals=tuple(
+                visual
+                for visual in read_geoms(self._model, self._body_names)
+                if visual.frame in {frame.name for frame in self._frames}
+            ),
         )
         warnings = [f"equality {name!r} is ignored: it is not active" for name in self._inactive]
         return replace(robot, reader_warnings=tuple(warnings))

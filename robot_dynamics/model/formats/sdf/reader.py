@@ -13,6 +13,7 @@ from robot_dynamics.model.formats.sdf.document import parse_sdf
 from robot_dynamics.model.formats.sdf.gearboxes import GearboxReader
 from robot_dynamics.model.formats.sdf.joint_axes import JointReader, axis_rotation
 from robot_dynamics.model.formats.sdf.link_inertias import read_inertia
+from robot_dynamics.model.formats.sdf.link_visuals import read_visuals
 from robot_dynamics.model.formats.sdf.model_choice import choose_model
 from robot_dynamics.model.formats.sdf.poses import Poses, without_rounding
 from robot_dynamics.model.formats.sdf.scopes import Assembly
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike
     from robot_dynamics.model.formats.sdf.joint_axes import Motion
     from robot_dynamics.model.formats.sdf.scopes import Node
+    from robot_dynamics.model.visual import Visual
 
 
 def read_sdf(
@@ -40,7 +42,8 @@ def read_sdf(
 ) -> Robot:
     """Read a robot from the text of an SDF.
 
-    Joint variables keep SDF's sign and zero. Shapes, sensors and plugins are left out.
+    Joint variables keep SDF's sign and zero. Meshes are never loaded. A visual that cannot
+    be read is left out with a warning. Sensors and plugins are left out.
 
     Parameters
     ----------
@@ -102,6 +105,7 @@ class _Builder:
         self._joints: list[Joint] = []
         self._frames: list[Frame] = []
         self._loops: list[Loop] = []
+        self._visuals: list[Visual] = []
         self._numbers: dict[Node, int] = {}
         if not assembly.links:
             self._fail(assembly.model, "it has no <link>: a robot has at least one")
@@ -150,6 +154,7 @@ class _Builder:
             moving_base=moves,
             gravity=to_gravity_vector(gravity),
             loops=tuple(self._loops),
+            visuals=tuple(self._visuals),
         )
 
     def _edges(self) -> list[JointEdge]:
@@ -208,6 +213,7 @@ class _Builder:
         frame = self._placement(body, self._poses.of(node))
         self._numbers[node] = body
         self._frames.append(Frame(node.name, body, frame))
+        self._visuals += read_visuals(document, element, node.name)
         self._bodies[body].inertia += read_inertia(document, element, node.name).transformed_by(frame)
 
     def _placement(self, body: int, pose: Array) -> Array:

@@ -197,6 +197,24 @@ def test_what_has_no_equal_is_refused_by_name(case, monkeypatch):
         load_robot(text)
 
 
+def test_shapes_are_those_of_the_viewer():
+    """Visible groups are drawn, hidden ones where a body has no other; sizes are halves in MJCF."""
+    geoms = (
+        '<geom type="box" size=".1 .2 .3" pos="1 2 3" rgba="1 0 0 .5"/><geom type="sphere" size=".4" group="3"/>',
+        '<geom type="capsule" size=".1" fromto="0 0 0 0 0 .6" group="3"/>',
+        '<geom type="cylinder" size=".1 .2"/>',
+    )
+    bodies = "".join(f'<body name="{n}">{ROD}<joint/>{shape}</body>' for n, shape in enumerate(geoms))
+    text = f'<mujoco><worldbody><geom type="box" size="1 1 1"/>{bodies}</worldbody></mujoco>'
+    box, capsule, cylinder = load_robot(text).visuals
+    assert (box.frame, capsule.frame, cylinder.frame) == ("0", "1", "2")
+    assert box.shape.size.tolist() == [0.2, 0.4, 0.6] and box.colour == pytest.approx((1, 0, 0, 0.5))
+    assert box.placement[:3, 3].tolist() == [1, 2, 3] and capsule.colour is None
+    ends = (capsule.placement @ np.column_stack([capsule.shape.points, np.ones(2)]).T)[:3].T
+    np.testing.assert_allclose(sorted(ends.tolist()), [[0, 0, 0], [0, 0, 0.6]], atol=1e-12)
+    assert (cylinder.shape.radius, cylinder.shape.length) == (0.1, 0.4)
+
+
 def test_values_are_refused():
     with pytest.raises(DescriptionError, match="values of a are given"):
         load_robot(FREE, values={"a": 1})

@@ -304,6 +304,33 @@ def test_rotor_inertia_of_drake():
     assert load_robot(text).joints[0].rotor_inertia == pytest.approx(1.0)
 
 
+def test_visuals_are_shapes_of_their_link(tmp_path):
+    shapes = (
+        "<box><size>1 2 3</size></box>",
+        "<cylinder><radius>.1</radius><length>2</length></cylinder>",
+        "<capsule><radius>.1</radius><length>2</length></capsule>",
+        "<mesh><uri>model://arm/hand.stl</uri><scale>2 2 2</scale></mesh>",
+        "<plane/>",
+        "<sphere><radius>wide</radius></sphere>",
+    )
+    material = "<material><diffuse>1 .5 0 1</diffuse></material><transparency>.5</transparency>"
+    visuals = "".join(
+        f'<visual name="v{n}"><pose>0 0 {n} 0 0 0</pose><geometry>{shape}</geometry>{material}</visual>'
+        for n, shape in enumerate(shapes)
+    )
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "hand.stl").write_text("")
+    file = tmp_path / "arm" / "model.sdf"
+    file.write_text(sdf(link("a", content=ROD + visuals), joint("j", "revolute", "world", "a")))
+    robot = load_robot(file)
+    box, cylinder, capsule, mesh = robot.visuals
+    assert box.shape.size.tolist() == [1, 2, 3] and box.colour == (1, 0.5, 0, 0.5) and box.frame == "a"
+    assert (cylinder.shape.radius, cylinder.shape.length, cylinder.placement[2, 3]) == (0.1, 2, 1)
+    assert capsule.shape.points.tolist() == [[0, 0, -1], [0, 0, 1]] and capsule.shape.radius == 0.1
+    assert mesh.shape.file == str(tmp_path / "arm" / "hand.stl") and mesh.shape.scale.tolist() == [2, 2, 2]
+    assert "<radius> is 'wide', a number is needed; the <visual> is not drawn" in robot.warnings[0]
+
+
 @pytest.fixture
 def models(tmp_path):
     """A folder of models: an arm that includes a hand, in two versions."""
