@@ -52,6 +52,7 @@ def inverse_difference(model, robot, seed=0):
         pose[:3, 3] = rng.normal(size=3)
         base = Base(pose, rng.normal(size=6), rng.normal(size=6))
     v, a = rng.normal(size=(2, len(independent)))
+    a[[robot.joints[number].role == "elastic" for number in independent]] = 0.0  # no motor: it is part of the result
     result = dynamics.solve(q, v, qdd=a, base=base)
     motion = result.motion
     efforts = dynamics.embed_efforts(result.efforts)

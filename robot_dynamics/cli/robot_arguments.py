@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 MOVING_BASE_CHOICES: dict[str | None, bool | None] = {"fixed": False, "moving": True, None: None}
 MAX_SNAP_ANGLE = 0.1  # [rad]
 ROBOT_HELP = (
-    "path of a URDF, a xacro, an MJCF, an MDH table or a .par, or the name of a robot that ships with the package"
+    "path of a URDF, a xacro, an SDF, an MJCF, an MDH table or a .par, or the name of a robot that ships with the "
+    "package"
 )
 
 

@@ -16,6 +16,8 @@ from robot_dynamics.model.formats.mdh_yaml.reader import read_mdh_yaml
 from robot_dynamics.model.formats.mjcf.document import is_mjcf
 from robot_dynamics.model.formats.mjcf.reader import read_mjcf
 from robot_dynamics.model.formats.par.reader import read_par
+from robot_dynamics.model.formats.sdf.document import is_sdf
+from robot_dynamics.model.formats.sdf.reader import read_sdf
 from robot_dynamics.model.formats.urdf.reader import read_urdf
 from robot_dynamics.model.formats.xacro.expansion import is_xacro, read_xacro
 from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
     from robot_dynamics.array_types import ArrayLike
     from robot_dynamics.model.robot import Robot
 
-FORMATS = "a URDF, a xacro, an MJCF, an MDH table in YAML or a SYMORO+ .par"
+FORMATS = "a URDF, a xacro, an SDF, an MJCF, an MDH table in YAML or a SYMORO+ .par"
 SUFFIXES = (".urdf", ".yaml", ".par")
 
 logger = logging.getLogger(__name__)
@@ -53,9 +55,10 @@ def load_robot(
     Parameters
     ----------
     description : str, bytes or Path
-        Text of a URDF, of an MJCF, of an MDH table in YAML, of a YAML that completes a URDF, or of a SYMORO+ .par; the
-        path of such a file, or of a xacro; or the name of a robot that ships with the package (`shipped_robots`). The
-        package xacro expands a xacro, and reads the files that it names: load it only from a source that is trusted.
+        Text of a URDF, of an SDF, of an MJCF, of an MDH table in YAML, of a YAML that completes a URDF, or of a SYMORO+
+        .par; the path of such a file, or of a xacro; or the name of a robot that ships with the package
+        (`shipped_robots`). The package xacro expands a xacro, and reads the files that it names: load it only from a
+        source that is trusted.
     values : mapping of str to float or str, optional
         Numbers or expressions for names without a value in a .par, or in place of `parameters` of a YAML.
     moving_base : bool, optional
@@ -142,7 +145,9 @@ def read_robot(
         if values:
             names = ", ".join(values)
             raise DescriptionError(f"{source}: values of {names} are given, but a URDF has no names without a value")
-        return read_mjcf(text, **options) if is_mjcf(text) else read_urdf(text, **options)
+        if is_mjcf(text):
+            return read_mjcf(text, **options)
+        return read_sdf(text, **options) if is_sdf(text) else read_urdf(text, **options)
     if re.match(r"\s*(\(\*|\w+\s*=)", _beginning(text)):
         return read_par(text, values=values, **options)
     return read_mdh_yaml(text, values=values, **options)

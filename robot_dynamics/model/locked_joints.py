@@ -17,11 +17,11 @@ from robot_dynamics.errors import DescriptionError, InvalidInputError, describe_
 from robot_dynamics.model.beam import Flexibility, RigidBody
 from robot_dynamics.model.joint import LockedJoint
 from robot_dynamics.model.loop import LoopEnd
-from robot_dynamics.model.mdh import MDHParameters, placement_from_mdh
+from robot_dynamics.model.mdh import joint_displacement
 from robot_dynamics.model.robot_warnings import find_joints_without_inertia
 
 if TYPE_CHECKING:
-    from robot_dynamics.array_types import Array, ScalarArray
+    from robot_dynamics.array_types import ScalarArray
     from robot_dynamics.model.joint import Joint
     from robot_dynamics.model.loop import Loop
     from robot_dynamics.model.platform import Platform
@@ -121,7 +121,7 @@ def _reduce(robot: Robot, locked: Mapping[int, float], *, is_massless: bool) -> 
         carrier, frame = places[joint.antecedent]
         pose = frame @ joint.placement
         if number in locked:
-            place = LoopEnd(carrier, pose @ _joint_displacement(joint, locked[number]))
+            place = LoopEnd(carrier, pose @ joint_displacement(joint.prismatic, locked[number]))
             links[carrier] = _lump(links[carrier], link, place.placement, joint.name)
         else:
             joints.append(replace(joint, antecedent=carrier, placement=pose))
@@ -145,11 +145,6 @@ def _reduce(robot: Robot, locked: Mapping[int, float], *, is_massless: bool) -> 
         ),
         locked_joints=(*robot.locked_joints, *records),
     )
-
-
-def _joint_displacement(joint: Joint, position: float) -> Array:
-    """Return the placement (4, 4) by which a joint at a position turns its link about z, or moves it along z."""
-    return placement_from_mdh(MDHParameters(r=position) if joint.prismatic else MDHParameters(theta=position))
 
 
 def _is_locked_platform(robot: Robot, platform: Platform, locked: Mapping[int, float]) -> bool:

@@ -45,6 +45,11 @@ def placement_from_mdh(row: MDHParameters) -> Array:
     return placement(rotation @ _about_z(row.theta), translation)
 
 
+def joint_displacement(prismatic: bool, position: float) -> Array:
+    """Return the placement (4, 4) by which a joint at a position turns its link about z, or moves it along z."""
+    return placement_from_mdh(MDHParameters(r=position) if prismatic else MDHParameters(theta=position))
+
+
 def mdh_from_placement(matrix: ScalarArray) -> list[MDHParameters]:
     """Return the rows, one or two, whose placements multiply to `matrix`, iTj (4, 4).
 

@@ -59,6 +59,17 @@ def rotation_from_roll_pitch_yaw(roll: float, pitch: float, yaw: float) -> Array
     )
 
 
+def rotation_from_quaternion(quaternion: ArrayLike) -> Array:
+    """Return the rotation (3, 3) of a quaternion w, x, y, z of any length.
+
+    Turns by right angles about axes of the frame give entries that are exactly 0 and ±1.
+    """
+    w, x, y, z = np.asarray(quaternion, dtype=float)
+    rotation: Array = Rotation.from_quat([x, y, z, w]).as_matrix()
+    rounded = np.round(rotation)
+    return rounded if np.abs(rotation - rounded).max() < 1e-15 else rotation
+
+
 def roll_pitch_yaw(rotation: ScalarArray) -> tuple[float, float, float]:
     """Return the angles [rad] from which `rotation_from_roll_pitch_yaw` makes this rotation (3, 3).
 

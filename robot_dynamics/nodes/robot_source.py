@@ -53,14 +53,14 @@ PARAMETERS = by_name(
     ParameterSpec(
         "robot_description",
         "",
-        "text of a URDF, an MJCF, an MDH table or a .par; overrides robot_file",
+        "text of a URDF, an SDF, an MJCF, an MDH table or a .par; overrides robot_file",
         read_at="configuration",
     ),
     ParameterSpec(
         "robot_file",
         "",
-        "path of a URDF, a xacro, an MJCF, an MDH table or a .par, or the name of a robot that ships. Where this and "
-        "robot_description are empty, the topic robot_description is used",
+        "path of a URDF, a xacro, an SDF, an MJCF, an MDH table or a .par, or the name of a robot that ships. Where "
+        "this and robot_description are empty, the topic robot_description is used",
         read_at="configuration",
     ),
     ParameterSpec(

@@ -10,6 +10,7 @@ from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.decoding import MAX_DESCRIPTION_LENGTH, read_file_bytes
+from robot_dynamics.model.formats.root_element import root_name
 from robot_dynamics.model.formats.urdf.document import decode_urdf, parse_xml, refuse_external_references
 
 if TYPE_CHECKING:
@@ -27,18 +28,7 @@ CHECKED_FILES = ("mesh", "hfield")  # whose files are checked, or not read, befo
 
 def is_mjcf(text: str | bytes) -> bool:
     """Return whether the root element of a text that begins as XML is <mujoco>."""
-    if isinstance(text, bytes):
-        text = text.decode("utf-16" if text[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1", "ignore")
-        text = text.removeprefix("ï»¿")
-    position = 0
-    text = text.removeprefix("\ufeff")
-    while match := re.compile(r"\s*(<\?|<!--)").match(text, position):  # declarations and comments before it
-        ending = "?>" if match.group(1) == "<?" else "-->"
-        end = text.find(ending, match.end())
-        if end < 0:
-            return False
-        position = end + len(ending)
-    return re.compile(r"\s*<mujoco(Include)?[\s/>]").match(text, position) is not None
+    return root_name(text) in ("mujoco", "mujocoInclude")
 
 
 def read_document(text: str, folder: Path | None, source: str) -> Element:

@@ -9,10 +9,10 @@ import numpy as np
 from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.joint import Mimic
 from robot_dynamics.model.loop import Loop, LoopEnd
-from robot_dynamics.model.placement import placement
+from robot_dynamics.model.placement import placement, rotation_from_quaternion
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from robot_dynamics.array_types import Array
 
@@ -67,7 +67,6 @@ def read_loops(
     model: dict[str, Any],
     equalities: list[Equality],
     bodies: Mapping[int, tuple[int, Array]],
-    rotation: Callable[[list[float]], Array],
 ) -> tuple[Loop, ...]:
     """Return the loops that connect and weld close.
 
@@ -79,8 +78,6 @@ def read_loops(
         The active constraints.
     bodies : mapping
         Number of the link of each body, and placement (4, 4) of the body in that link.
-    rotation : callable
-        Returns the rotation (3, 3) of a quaternion (w, x, y, z).
 
     Raises
     ------
@@ -98,11 +95,14 @@ def read_loops(
         is_spherical = kind == "mjEQ_CONNECT"
         if object_type == "mjOBJ_SITE":
             numbers = [model["site_bodyid"][site] for site in objects]
-            ends = [placement(rotation(model["site_quat"][site]), model["site_pos"][site]) for site in objects]
+            ends = [
+                placement(rotation_from_quaternion(model["site_quat"][site]), model["site_pos"][site])
+                for site in objects
+            ]
         else:
             numbers = list(objects)
             first, second = (data[0:3], data[3:6]) if is_spherical else (data[3:6], data[0:3])
-            turned = np.eye(3) if is_spherical else rotation(data[6:10])
+            turned = np.eye(3) if is_spherical else rotation_from_quaternion(data[6:10])
             ends = [placement(turned, first), placement(None, second)]
         for body in numbers:
             if body not in bodies or model["body_mocapid"][body] >= 0:

@@ -23,11 +23,13 @@ ARRAYS = (
     *("actuator_gaintype", "actuator_biastype", "actuator_dyntype", "actuator_gainprm"),
     *("actuator_ctrllimited", "actuator_ctrlrange", "actuator_armature", "actuator_damping"),
     *("eq_type", "eq_objtype", "eq_obj1id", "eq_obj2id", "eq_data", "eq_active0"),
+    *("geom_type", "geom_bodyid", "geom_group", "geom_pos", "geom_quat", "geom_size", "geom_rgba"),
     *("site_bodyid", "site_pos", "site_quat", "tendon_adr", "tendon_num", "wrap_type", "wrap_objid"),
 )
 """Arrays of an MjModel that describe the robot. Older versions of MuJoCo lack some: they have no such property."""
 
 ENUMERATIONS = {
+    "geom_type": "mjtGeom",
     "jnt_type": "mjtJoint",
     "eq_type": "mjtEq",
     "eq_objtype": "mjtObj",

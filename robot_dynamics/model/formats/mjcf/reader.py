@@ -12,10 +12,17 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.model.formats.isolated_call import call_isolated
 from robot_dynamics.model.formats.mjcf.actuators import actuated_joints, added_to_joint, effort_limit
 from robot_dynamics.model.formats.mjcf.equalities import active_equalities, read_loops, read_mimics
+from robot_dynamics.model.formats.mjcf.geoms import read_geoms
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.inertia import Inertia
 from robot_dynamics.model.joint import Joint, Limits, Spring
-from robot_dynamics.model.placement import invert_placement, placement, rotation_with_z_along
+from robot_dynamics.model.mdh import joint_displacement
+from robot_dynamics.model.placement import (
+    invert_placement,
+    placement,
+    rotation_from_quaternion,
+    rotation_with_z_along,
+)
 from robot_dynamics.model.robot import Frame, Link, Robot, to_gravity_vector
 
 if TYPE_CHECKING:
@@ -98,7 +105,7 @@ class _Builder:
         for body, parent in enumerate(self._model["body_parentid"]):
             if body != base and parent in self._bodies and body > 0:
                 self._walk(body, self._bodies[parent])
-        loops = read_loops(self._model, self._equalities, self._bodies, _rotation)
+        loops = read_loops(self._model, self._equalities, self._bodies)
         robot = Robot(
             name=self._model["name"],
             links=tuple(self._links),
@@ -107,6 +114,11 @@ class _Builder:
             moving_base=is_free if moving_base is None else moving_base,
             gravity=to_gravity_vector(gravity),
             loops=loops,
+            visuals=tuple(
+                visual
+                for visual in read_geoms(self._model, self._body_names)
+                if visual.frame in {frame.name for frame in self._frames}
+            ),
         )
         warnings = [f"equality {name!r} is ignored: it is not active" for name in self._inactive]
         return replace(robot, reader_warnings=tuple(warnings))
@@ -138,7 +150,7 @@ class _Builder:
         """Add a body, and a link for each of its joints, the first of which moves all others."""
         model = self._model
         link, pose = parent
-        pose = pose @ placement(_rotation(model["body_quat"][body]), model["body_pos"][body])
+        pose = pose @ placement(rotation_from_quaternion(model["body_quat"][body]), model["body_pos"][body])
         first, count = model["body_jntadr"][body], model["body_jntnum"][body]
         for number in range(first, first + count):
             anchor = placement(rotation_with_z_along(model["jnt_axis"][number]), model["jnt_pos"][number])
@@ -158,7 +170,7 @@ class _Builder:
         self._frames.append(Frame(self._body_names[number], body.link, body.placement))
         if number == 0:
             return  # the world has no inertia
-        frame = placement(_rotation(model["body_iquat"][number]), model["body_ipos"][number])
+        frame = placement(rotation_from_quaternion(model["body_iquat"][number]), model["body_ipos"][number])
         inertia = Inertia.about_centre_of_mass(
             model["body_mass"][number], np.diag(model["body_inertia"][number]), body.placement @ frame
         )
@@ -181,7 +193,7 @@ class _Builder:
             name=name,
             antecedent=antecedent,
             prismatic=prismatic,
-            placement=pose @ _at_zero(prismatic, reference),
+            placement=pose @ joint_displacement(prismatic, -reference),
             rotor_inertia=model["dof_armature"][dof] + added_to_joint(model, "actuator_armature", number),
             viscous_friction=0.0 if "mjDSBL_DAMPER" in model["disabled"] else damping,
             coulomb_friction=model["dof_frictionloss"][dof] if has_friction else 0.0,
@@ -210,25 +222,3 @@ def _complete_names(names: list[str | None], kind: str, known: dict[int, str]) -
         used.add(name)
         complete.append(name)
     return complete
-
-
-def _rotation(quaternion: list[float]) -> Array:
-    """Return the rotation (3, 3) of a quaternion w, x, y, z; exactly 0 and ±1 for turns by right angles about axes."""
-    w, x, y, z = np.asarray(quaternion) / np.linalg.norm(quaternion)
-    rotation: Array = np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-    rounded = np.round(rotation)
-    return rounded if np.abs(rotation - rounded).max() < 1e-15 else rotation
-
-
-def _at_zero(prismatic: bool, reference: float) -> Array:
-    """Return the motion (4, 4) of a joint from its reference position to zero."""
-    if prismatic:
-        return placement(None, (0.0, 0.0, -reference))
-    cosine, sine = np.cos(reference), np.sin(reference)
-    return placement([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])

@@ -7,12 +7,12 @@ changes the robot, and warns where the content may be an extension of another to
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, NoReturn
 
 from lxml import etree
 
 from robot_dynamics.errors import DescriptionError
+from robot_dynamics.model.formats.similar_names import similar_name
 from robot_dynamics.model.formats.urdf.document import USED_ELEMENTS, element_kind, local_name
 
 if TYPE_CHECKING:
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
     from robot_dynamics.model.formats.urdf.document import Element, LineWarnings
 
-SIMILARITY = 0.75  # of a misspelled name: 1 is equality
 ATTRIBUTES = {
     "origin": ("xyz", "rpy"),
     "mass": ("value",),
@@ -200,11 +199,6 @@ class _IgnoredContent:
                     f"the <{name}> in <transmission> is ignored: an MDH table in YAML has rotor_inertia, "
                     "referred to the joint",
                 )
-
-
-def similar_name(name: str, known: Iterable[str]) -> str | None:
-    """Return the known name that differs from `name` by its case or by few letters, None where there is none."""
-    return next(iter(get_close_matches(name[:60].lower(), list(known), n=1, cutoff=SIMILARITY)), None)
 
 
 def _owner(element: Element) -> str:

@@ -53,10 +53,33 @@ FOUR_BAR = f"""<mujoco><worldbody>
   <body name="rocker" pos=".5 0 0">{ROD}<joint name="rocker" axis="0 1 0"/></body>
 </worldbody>
 <equality>{{constraint}}</equality><actuator><motor joint="crank"/></actuator></mujoco>"""
+# one cause each of the closed loops in public models: the legs of Cassie and the hand of the xArm
+LEG = f"""<mujoco><worldbody><body name="hip"><freejoint name="root"/>{ROD}
+  <body name="rod" pos=".1 .05 0">{ROD}
+    <joint name="rod y" axis="0 1 0" damping=".01"/><joint name="rod z" axis="0 0 1" damping=".01"/></body>
+  <body name="knee" pos="0 0 -.1">{ROD}<joint name="knee" axis="0 1 0" armature=".05" ref=".2"/>
+    <body name="shin" pos=".05 0 -.2">{ROD}<joint name="shin" axis="0 1 .02" stiffness="1500" damping=".1"/>
+      <body name="tarsus" pos=".3 0 0">{ROD}<joint name="tarsus" axis=".01 1 0" ref="-.3"/>
+        <body name="heel" pos=".05 0 .02">{ROD}<joint name="heel" axis="0 1 0" stiffness="1250"/></body>
+      </body></body></body>
+</body></worldbody>
+<equality><connect body1="rod" body2="heel" anchor=".3 .01 -.2"/></equality>
+<actuator><motor joint="knee" gear="16" ctrlrange="-12 12"/></actuator></mujoco>"""
+FINGER = """<body name="{0} driver" pos="{1}.03 0 0">{2}<joint name="{0} driver" axis="0 {1}1 0"/>
+    <body name="{0} tip" pos="{1}.03 0 .04">{2}<joint name="{0} tip" axis="0 {1}1 0"/></body></body>
+  <body name="{0} bar" pos="{1}.01 0 .02">{2}<joint name="{0} bar" axis="0 {1}1 0"/></body>"""
+HAND = f"""<mujoco><worldbody><body name="palm">
+  {FINGER.format("left", "", ROD)}{FINGER.format("right", "-", ROD)}</body></worldbody><equality>
+  <connect body1="left tip" body2="left bar" anchor="-.02 0 .03"/>
+  <connect body1="right tip" body2="right bar" anchor=".02 0 .03"/>
+  <joint joint1="right driver" joint2="left driver"/>
+</equality><actuator><general joint="left driver"/></actuator></mujoco>"""
 MODELS = {
     "tree": TREE,
     "free base": FREE,
     "connect": FOUR_BAR.format(constraint='<connect body1="coupler" body2="rocker" anchor=".5 0 .1"/>'),
+    "leg with springs and a rod": LEG,
+    "hand whose fingers mimic": HAND,
     "weld": FREE.replace("<freejoint", '<joint axis="0 0 1"').replace(
         "</mujoco>",
         "<equality><weld body1='foot' body2='arm'/></equality><actuator><motor joint='root'/></actuator></mujoco>",
@@ -172,6 +195,24 @@ def test_what_has_no_equal_is_refused_by_name(case, monkeypatch):
     monkeypatch.setattr(reader, "call_isolated", lambda _, request, *__, **___: mjcf_process.run(request))
     with pytest.raises(DescriptionError, match=f"(?s){message}"):
         load_robot(text)
+
+
+def test_shapes_are_those_of_the_viewer():
+    """Visible groups are drawn, hidden ones where a body has no other; sizes are halves in MJCF."""
+    geoms = (
+        '<geom type="box" size=".1 .2 .3" pos="1 2 3" rgba="1 0 0 .5"/><geom type="sphere" size=".4" group="3"/>',
+        '<geom type="capsule" size=".1" fromto="0 0 0 0 0 .6" group="3"/>',
+        '<geom type="cylinder" size=".1 .2"/>',
+    )
+    bodies = "".join(f'<body name="{n}">{ROD}<joint/>{shape}</body>' for n, shape in enumerate(geoms))
+    text = f'<mujoco><worldbody><geom type="box" size="1 1 1"/>{bodies}</worldbody></mujoco>'
+    box, capsule, cylinder = load_robot(text).visuals
+    assert (box.frame, capsule.frame, cylinder.frame) == ("0", "1", "2")
+    assert box.shape.size.tolist() == [0.2, 0.4, 0.6] and box.colour == pytest.approx((1, 0, 0, 0.5))
+    assert box.placement[:3, 3].tolist() == [1, 2, 3] and capsule.colour is None
+    ends = (capsule.placement @ np.column_stack([capsule.shape.points, np.ones(2)]).T)[:3].T
+    np.testing.assert_allclose(sorted(ends.tolist()), [[0, 0, 0], [0, 0, 0.6]], atol=1e-12)
+    assert (cylinder.shape.radius, cylinder.shape.length) == (0.1, 0.4)
 
 
 def test_values_are_refused():
