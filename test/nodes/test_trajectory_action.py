@@ -16,6 +16,7 @@ from lifecycle_msgs.msg import Transition
 from nodes.built_interfaces import build_interfaces, import_variables
 from nodes.controller_probe import PANDA, ControllerProbe, Q, trajectory_message
 from nodes.goal_client import ABORTED, CANCELED, SUCCEEDED, GoalClient
+from nodes.test_security import allowed, opened
 
 SOURCE = Path(__file__).resolve().parent.parent / "interfaces" / "control_msgs"
 QUIET = {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.3}  # a busy machine is no fault here
@@ -217,6 +218,29 @@ def test_goal_ends_with_the_states_and_with_the_activity_of_the_node(start):
     goal = goals.start(motion(0.1, Q), Q)
     wait_for_result(probe, goal)
     assert goal.status == SUCCEEDED
+
+
+def test_controller_state_has_the_numbers_of_the_state(start):
+    from control_msgs.msg import JointTrajectoryControllerState
+
+    probe, goals = start()
+    seen = []
+    probe.node.create_subscription(JointTrajectoryControllerState, f"{probe.target}/controller_state", seen.append, 10)
+    goal = goals.start(motion(0.1), TARGET)
+    wait_for_result(probe, goal, TARGET)
+    probe.stream_until(
+        lambda: seen and len(seen[-1].reference.positions) and np.allclose(seen[-1].reference.positions, TARGET),
+        "~/controller_state",
+    )
+    last = seen[-1]
+    assert list(last.joint_names) == PANDA and last.speed_scaling_factor == 1.0
+    np.testing.assert_allclose(np.subtract(last.reference.positions, last.feedback.positions), last.error.positions)
+    np.testing.assert_allclose(last.output.effort, probe.commands[-1][1], atol=0.5)
+
+
+def test_policy_allows_what_the_action_opens(control_msgs, client, tmp_path):
+    names = opened("computed_torque", {"robot_file": "panda", "use_sim_time": True}, client, tmp_path / "log")
+    assert names == allowed("computed_torque")
 
 
 DYING_CLIENT = """
