@@ -13,6 +13,9 @@ from rclpy.node import Node
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 
 
+RETRY_PERIOD = 0.05  # [s] after a request that failed
+
+
 class ThreadedActionServer(ActionServer):
     """An ActionServer that its own thread waits for: the executor of the node never takes its requests.
 
@@ -71,6 +74,7 @@ class ThreadedActionServer(ActionServer):
         self._is_closed.set()
         self.wake()
         self._thread.join()
+        self._wake_callback()  # for results that came in the meantime
         self._node.add_waitable(self)  # `destroy` removes it
         self.destroy()
 
@@ -97,6 +101,7 @@ class ThreadedActionServer(ActionServer):
                 if self._node.context.ok():
                     reason = failure_reason(self._logger, error)
                     self._logger.error(f"request failed: {reason}", throttle_duration_sec=1.0)
+                self._is_closed.wait(RETRY_PERIOD)
 
     def _serve_once(self) -> None:
         count = self.get_num_entities()

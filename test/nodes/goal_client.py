@@ -43,9 +43,6 @@ class GoalClient:
         self._client = ActionClient(probe.node, kind, f"{probe.target}/follow_joint_trajectory")
         assert self._client.wait_for_server(20.0), "no action server"
 
-    def close(self):
-        self._client.destroy()
-
     def send(self, trajectory, **fields):
         """Send a goal while states are published, until the server has answered."""
         sent = Sent()

@@ -17,6 +17,10 @@ from nodes.built_interfaces import build_interfaces, import_variables
 from nodes.controller_probe import PANDA, ControllerProbe, Q, trajectory_message
 from nodes.goal_client import ABORTED, CANCELED, SUCCEEDED, GoalClient
 from nodes.test_security import allowed, opened
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+
+from robot_dynamics.nodes.processes import running_node
 
 SOURCE = Path(__file__).resolve().parent.parent / "interfaces" / "control_msgs"
 QUIET = {"robot_file": "panda", "deadline": 1.0, "state_timeout": 0.3}  # a busy machine is no fault here
@@ -52,12 +56,13 @@ def start(control_msgs, start_server, client):
     """A function that starts a node, and returns its probe and a client of its action."""
     running = []
 
-    def start_node(parameters=None):
+    def start_node(parameters=None, steady=True):
         target = start_server({**QUIET, **(parameters or {})}, executable="computed_torque")
         probe = ControllerProbe(target, client)
         goals = GoalClient(probe, control_msgs[0])
-        running.extend([goals, probe])
-        probe.stream_until_steady()
+        running.append(probe)
+        if steady:
+            probe.stream_until_steady()
         return probe, goals
 
     yield start_node
@@ -218,6 +223,53 @@ def test_goal_ends_with_the_states_and_with_the_activity_of_the_node(start):
     goal = goals.start(motion(0.1, Q), Q)
     wait_for_result(probe, goal)
     assert goal.status == SUCCEEDED
+
+
+def test_other_description_ends_a_goal_and_holds_the_robot_but_another_payload_does_not(control_msgs, start, client):
+    probe, goals = start({"robot_file": "", "autostart": True}, steady=False)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    namespace = probe.target.rpartition("/")[0]
+    description = probe.node.create_publisher(String, f"{namespace}/robot_description", latched)
+    text = (Path(__file__).parents[2] / "config" / "robots" / "panda.urdf").read_text()
+    description.publish(String(data=text))
+    probe.stream_until_steady()
+    goal = goals.start(motion(5.0, Q + 0.3), Q)
+    assert probe.set_parameters(**{"payload.link": "panda_link7", "payload.mass": 0.5})
+    probe.stream(0.3)
+    assert not goal.is_done
+    description.publish(String(data=text.replace("</robot>", "  <!-- calibrated --></robot>")))
+    wait_for_result(probe, goal)
+    assert (goal.status, goal.result.error_code) == (ABORTED, -1)
+    assert goal.result.error_string == "the robot description changed"
+    probe.stream(0.3)
+    held = reference(probe)
+    probe.stream(0.3)
+    np.testing.assert_array_equal(reference(probe), held)
+
+
+def test_simulated_robot_reaches_its_goal_within_narrow_tolerances(control_msgs, start_server, client):
+    namespace = f"/simulated_{os.getpid()}"
+    simulator = {"robot_file": "panda", "wait_for_commands": "each"}
+    simulator.update({"initial.joints": PANDA, "initial.positions": Q.tolist()})
+    clock = {"/clock": f"{namespace}/clock"}
+    efforts = {"~/effort": "computed_torque/effort", **clock}
+    control = {**QUIET, "use_sim_time": True, "kp": [400.0], "kd": [40.0], "state_timeout": 1.0, "ramp_time": 0.01}
+    with (
+        running_node("mobile_base_simulator", simulator, namespace, remappings=efforts),
+        running_node("computed_torque", control, namespace, remappings=clock),
+    ):
+        probe = ControllerProbe(f"{namespace}/computed_torque", client, states="unused")
+        goals = GoalClient(probe, control_msgs[0])
+        probe.wait_until(lambda: len(probe.commands) > 20, "efforts")
+        narrow = tolerances(control_msgs, position=2e-3)
+        message = trajectory_message(PANDA, [1.0], [Q + 0.3], np.zeros((1, 7)), np.zeros((1, 7)))
+        sent = goals.send(message, path_tolerance=narrow, goal_tolerance=narrow)
+        probe.wait_until(lambda: sent.is_answered, "answer")
+        sent.result_future = sent.accepted.result().get_result_async()
+        probe.wait_until(lambda: sent.is_done, "result", patience=60.0)
+        probe.close()
+    assert (sent.status, sent.result.error_string) == (SUCCEEDED, "Goal successfully reached!")
+    np.testing.assert_allclose(sent.feedback[-1].actual.positions, Q + 0.3, atol=5e-3)
 
 
 def test_controller_state_has_the_numbers_of_the_state(start):

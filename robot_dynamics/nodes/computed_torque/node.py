@@ -17,7 +17,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
-from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
+from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, PreparedLaw, RejectedLaw
 from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
@@ -221,6 +221,10 @@ class ComputedTorque(RobustLifecycleNode):
         declare_parameters(self, new)
         self._specs = {**PARAMETERS, **specs}
         self._values.update(read_parameters(self, specs))
+        for name in getattr(self, "_parameter_overrides", {}):  # rclpy has no public access to them
+            if name.startswith("constraints.") and not self.has_parameter(name):
+                known = [known for known in self._specs if known.startswith("constraints.")]
+                self.get_logger().warning(f"{describe_unknown_name('parameter', name, known)} Nothing reads it")
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to send efforts, from zero."""
