@@ -174,6 +174,11 @@ class Controller:
         """Why there is no reference; empty where there is one."""
         return "" if self._source is not None else self._missing_reason
 
+    @property
+    def source(self) -> ScheduledTrajectory | ReferencePoint | None:
+        """What the present reference is sampled from; None where there is no reference."""
+        return self._source
+
     def follow_trajectory(self, now: float, start: float, times: ArrayLike, points: Array) -> None:
         """Follow a trajectory from now on.
 
@@ -263,6 +268,32 @@ class Controller:
             present = self._present_point(now, trajectory.first_point)
             lead = Trajectory.between(np.array([now, first]), np.stack([present, trajectory.first_point], axis=1))
         self._set_source(now, ScheduledTrajectory(trajectory, start, lead))
+
+    def hold(self, now: float, measured: bool = False) -> None:
+        """Stop the reference within `ramp_time` with a constant deceleration, and hold it there.
+
+        During a fault the reference ends instead.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        measured : bool
+            Stop from the position and velocity of the robot, without a jump of the efforts, not from those of the
+            reference.
+        """
+        if self.watchdog.fault(now) or self.watchdog.last_state_time is None:
+            self.follow(now, now, None)
+            return
+        if measured:
+            self._source = None
+            self._active_regime = None
+        duration = self.settings.ramp_time
+        present = self._present_point(now, np.zeros((3, len(self.law.joints))))
+        stop = self.law.clip_to_limits(present[0] + 0.5 * duration * present[1])
+        rest = np.zeros((1, len(stop)))
+        unspecified = np.full_like(rest, np.nan)
+        self.follow(now, now, Trajectory([duration], stop[None], rest, unspecified))
 
     def _present_point(self, now: float, first_point: Array) -> Array:
         """Point (3, joints) of the present reference, or of the robot, with the derivatives of the first point."""
