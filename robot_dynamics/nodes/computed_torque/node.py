@@ -21,6 +21,7 @@ from robot_dynamics.control.modes import ADAPTIVE
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.computed_torque.adapted_model import AdaptedModel
+from robot_dynamics.nodes.computed_torque.collision_input import CollisionInput
 from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, PreparedLaw, RejectedLaw
 from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
 from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
@@ -124,6 +125,7 @@ class ComputedTorque(RobustLifecycleNode):
         self._references = ReferenceInputs(self, lambda: self._loop)
         self._adapted_model = AdaptedModel(self, lambda: self._loop, self._worker)
         self._action = self._make_action()
+        self._collision = CollisionInput(self, lambda: self._loop, lambda: self._values["collision_reaction"])
         self._subscribe()
         # a timer of the machine's time: that of a simulation may stand still
         self._timer = self.create_timer(
@@ -235,6 +237,7 @@ class ComputedTorque(RobustLifecycleNode):
         assert self._loop is not None, "only a configured node is activated"
         gc.freeze()  # the objects that exist by now stay: garbage collection need not search them while efforts are due
         self._loop.activate()
+        self._collision.update()
         self._fault_log.restart(self._loop.controller.watchdog.rejection_reason)
         return super().on_activate(state)
 
@@ -329,6 +332,7 @@ class ComputedTorque(RobustLifecycleNode):
         if self._loop is not None:
             law = self._loop.law
             self._loop.controller.apply(self._settings(self._values, law.dynamics, law.joints))
+            self._collision.update()
         elif self._configuration_error:  # the change may have removed the error
             self._start_requested = self._values["autostart"]
         self._timer.timer_period_ns = int(self._tick_period() * 1e9)

@@ -12,6 +12,7 @@ from robot_dynamics.control.controller import Settings
 from robot_dynamics.control.goal_tolerances import GoalTolerances
 from robot_dynamics.control.modes import (
     ADAPTIVE,
+    COLLISION_ACTIONS,
     COMPUTED_TORQUE,
     FRICTION_VELOCITIES,
     MODES,
@@ -115,6 +116,12 @@ PARAMETERS = by_name(
     ),
     ParameterSpec(
         "adaptation.max_rate", 2.0, "largest relative rate of change of an adapted parameter [1/s]", lower_bound=0.0
+    ),
+    ParameterSpec(
+        "collision_reaction",
+        "none",
+        "what a true message on collision causes: none, hold, retract or gravity_compensation",
+        choices=tuple(COLLISION_ACTIONS),
     ),
     ParameterSpec(
         "constraints.goal_time",
