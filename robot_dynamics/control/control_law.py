@@ -190,6 +190,10 @@ class ControlLaw:
                 f"description limits it to {lower[joint]:.6g} to {upper[joint]:.6g}"
             )
 
+    def clip_to_limits(self, positions: Array) -> Array:
+        """Return positions (joints,) [rad or m], or the nearest ones within the limits of the joints."""
+        return np.clip(positions, self._lower_limits, self._upper_limits)
+
     def sample_reference(self, source: Reference, time: float, out: Array) -> None:
         """Sample a reference of the links as one of the controlled joints.
 

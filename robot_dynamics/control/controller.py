@@ -12,6 +12,7 @@ import numpy as np
 from robot_dynamics.control.bumpless_transfer import BumplessTransfer
 from robot_dynamics.control.modes import ADAPTIVE, COMPUTED_TORQUE, FEEDFORWARD, GRAVITY, PD_GRAVITY, REFERENCE
 from robot_dynamics.control.natural_adaptation import AdaptationSettings
+from robot_dynamics.control.path_history import PathHistory
 from robot_dynamics.control.reference import ReferencePoint, ScheduledTrajectory, Trajectory, check_points
 from robot_dynamics.control.watchdog import Watchdog
 from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
@@ -19,7 +20,12 @@ from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ArrayLike, BoolArray
     from robot_dynamics.control.control_law import ControlLaw
-    from robot_dynamics.control.modes import ControlMode, FrictionVelocity, NoReferenceAction
+    from robot_dynamics.control.modes import CollisionAction, ControlMode, FrictionVelocity, NoReferenceAction
+
+RETRACT_TIME = 0.5
+"""Part of the path on which the robot goes back after a collision [s]."""
+SHORTEST_LEAD = 0.01
+"""Least time in which the robot turns back [s]."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,8 @@ class Controller:
         Reason of the present fault; empty without a fault.
     activity : str
         The control mode in use, "fault", or "no reference: " and the action.
+    collision : {"none", "hold", "retract", "gravity_compensation"}
+        How the controller reacts to the present collision; "none" without one.
     adaptation : str
         "active", or why nothing is adapted; empty in other modes.
 
@@ -109,6 +117,8 @@ class Controller:
         self.activity = ""
         self.adaptation = ""
         self._adapted_at = -math.inf  # [s]
+        self.collision: CollisionAction = "none"
+        self._path = PathHistory(RETRACT_TIME)
         self._transfer = BumplessTransfer(joint_count, settings.ramp_time, settings.limits)
         self._desired_efforts = np.zeros(joint_count)
         self._zero_efforts = np.zeros(joint_count)
@@ -156,6 +166,8 @@ class Controller:
         self._source = None
         self._missing_reason = "no reference yet"
         self._active_regime = None
+        self._path.clear()
+        self.end_collision()
         self.fault = ""
         self.activity = ""
 
@@ -173,6 +185,11 @@ class Controller:
     def no_reference_reason(self) -> str:
         """Why there is no reference; empty where there is one."""
         return "" if self._source is not None else self._missing_reason
+
+    @property
+    def source(self) -> ScheduledTrajectory | ReferencePoint | None:
+        """What the present reference is sampled from; None where there is no reference."""
+        return self._source
 
     def follow_trajectory(self, now: float, start: float, times: ArrayLike, points: Array) -> None:
         """Follow a trajectory from now on.
@@ -244,6 +261,7 @@ class Controller:
             The trajectory is over, the present position is unknown, or a fault since it was received was longer than
             `ramp_time`. The reference before it remains.
         """
+        self._require_no_collision()
         if trajectory is None:
             self._source = None
             self._missing_reason = "the reference was ended"
@@ -263,6 +281,70 @@ class Controller:
             present = self._present_point(now, trajectory.first_point)
             lead = Trajectory.between(np.array([now, first]), np.stack([present, trajectory.first_point], axis=1))
         self._set_source(now, ScheduledTrajectory(trajectory, start, lead))
+
+    def react_to_collision(self, now: float, action: CollisionAction) -> None:
+        """Leave the reference, and refuse others until `end_collision`.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        action : {"none", "hold", "retract", "gravity_compensation"}
+            Stop and stay; go back on the last half second of the path at half the speed, and stay; or yield to forces.
+            In mode gravity_compensation, which follows no reference, the robot yields in any case.
+        """
+        self.end_collision()
+        if action == "none":
+            return
+        path = self._path.way_back(max(self.settings.ramp_time, SHORTEST_LEAD)) if action == "retract" else None
+        if action == "gravity_compensation":
+            self.follow(now, now, None)
+        elif path is None or self.watchdog.fault(now):
+            self.hold(now, measured=True)
+        else:
+            times, points = path
+            self._source = None  # begin at the robot, not at its reference
+            self._active_regime = None
+            positions, velocities, accelerations = points
+            self.follow(now, now, Trajectory(times, self.law.clip_to_limits(positions), velocities, accelerations))
+        self._missing_reason = "it ended with a collision"
+        self.collision = action
+
+    def end_collision(self) -> None:
+        """Accept references again. The reference of the reaction stays until another one comes."""
+        self.collision = "none"
+
+    def _require_no_collision(self) -> None:
+        if self.collision != "none":
+            raise InvalidInputError(
+                f"a collision was reported, and the reaction is {self.collision}: references are refused until it ends"
+            )
+
+    def hold(self, now: float, measured: bool = False) -> None:
+        """Stop the reference within `ramp_time` with a constant deceleration, and hold it there.
+
+        During a fault the reference ends instead.
+
+        Parameters
+        ----------
+        now : float
+            [s]
+        measured : bool
+            Stop from the position and velocity of the robot, without a jump of the efforts, not from those of the
+            reference.
+        """
+        if self.watchdog.fault(now) or self.watchdog.last_state_time is None:
+            self.follow(now, now, None)
+            return
+        if measured:
+            self._source = None
+            self._active_regime = None
+        duration = self.settings.ramp_time
+        present = self._present_point(now, np.zeros((3, len(self.law.joints))))
+        stop = self.law.clip_to_limits(present[0] + 0.5 * duration * present[1])
+        rest = np.zeros((1, len(stop)))
+        unspecified = np.full_like(rest, np.nan)
+        self.follow(now, now, Trajectory([duration], stop[None], rest, unspecified))
 
     def _present_point(self, now: float, first_point: Array) -> Array:
         """Point (3, joints) of the present reference, or of the robot, with the derivatives of the first point."""
@@ -295,6 +377,7 @@ class Controller:
         InvalidInputError
             The point is too old, or a position exceeds a limit. The reference before it remains.
         """
+        self._require_no_collision()
         lifetime = self.settings.reference_timeout
         if now - time > lifetime:
             raise InvalidInputError(f"the point is {now - time:.3f} s old, a point is valid for {lifetime:g} s")
@@ -416,6 +499,8 @@ class Controller:
             return self._fail(now, "the model gives efforts that are not finite in this state")
         self._enter_regime(activity)
         efforts = self._transfer.update(now, self._desired_efforts)
+        if self.collision == "none" and self._path.is_due(now):
+            self._path.record(now, self.law.link_motion())
         self.adaptation = self._adapt(now) if activity == ADAPTIVE else ""
         return efforts
 
@@ -423,6 +508,8 @@ class Controller:
         """Adapt the parameters of the law to the present efforts, unless others were sent; returns what was done."""
         step = now - self._adapted_at
         self._adapted_at = now
+        if self.collision != "none":
+            return "frozen: collision"
         if self.saturated.any():
             return "frozen: an effort is at its limit"
         if self._transfer.is_in_transition:
@@ -484,7 +571,7 @@ class Controller:
         return mode
 
     def _apply_without_reference(self, out: Array) -> str:
-        action = self.settings.without_reference
+        action = "gravity" if self.collision == "gravity_compensation" else self.settings.without_reference
         if action == "gravity":
             self.law.gravity_compensation(out)
         elif action == "damp":

@@ -17,6 +17,8 @@ FIXED_MODEL_MODES: tuple[ControlMode, ...] = (GRAVITY, FEEDFORWARD, COMPUTED_TOR
 """Modes whose model does not change: those of robot_dynamics_control."""
 MODES: tuple[ControlMode, ...] = (*FIXED_MODEL_MODES, ADAPTIVE)
 NO_REFERENCE_ACTIONS: tuple[NoReferenceAction, ...] = ("gravity", "damp", "zero")
+CollisionAction: TypeAlias = Literal["none", "hold", "retract", "gravity_compensation"]
+COLLISION_ACTIONS: tuple[CollisionAction, ...] = ("none", "hold", "retract", "gravity_compensation")
 REFERENCE: Literal["reference"] = "reference"
 MEASURED: Literal["measured"] = "measured"
 FRICTION_VELOCITIES: tuple[FrictionVelocity, ...] = (REFERENCE, MEASURED)

@@ -163,11 +163,17 @@ class ScheduledTrajectory:
         Time of the start [s].
     lead : Trajectory, optional
         The segment to its first point.
+
+    Attributes
+    ----------
+    start, end : float
+        Times of the start and of the last point [s].
     """
 
     def __init__(self, trajectory: Trajectory, start: float, lead: Trajectory | None = None) -> None:
         self._trajectory = trajectory
-        self._start = start
+        self.start = start
+        self.end = start + trajectory.end
         self._lead = lead
 
     def sample(self, time: float, out: Array) -> None:
@@ -175,7 +181,7 @@ class ScheduledTrajectory:
         if self._lead is not None and time < self._lead.end:
             self._lead.sample(time, out)
             return
-        time -= self._start
+        time -= self.start
         if self._lead is not None:
             time = max(time, self._trajectory.start)  # may be rounded to before its first point
         self._trajectory.sample(time, out)

@@ -144,6 +144,7 @@ class RobotSource:
     Attributes
     ----------
     rejection_reason : why the last change was refused, or why there is no robot; empty otherwise.
+    description : how the description of the present robot was read; None without a robot.
     """
 
     def __init__(
@@ -162,6 +163,7 @@ class RobotSource:
         self._last_read: tuple[DescriptionKey, Robot] | None = None  # reused for another payload
         # of the last description with a payload: clients send requests again that have no response yet
         self._last_outcome: tuple[object, Outcome] | None = None
+        self.description: DescriptionKey | None = None
         self._prepared: tuple[object, Outcome] | None = None  # for the change that follows
         self._newest_text = ""  # on the topic
         self._dynamics: Dynamics | None = None
@@ -281,6 +283,8 @@ class RobotSource:
         self._dynamics = dynamics
         if dynamics is None:
             return
+        if self._last_read is not None:
+            self.description = self._last_read[0]
         self.rejection_reason = ""
         logger = self._node.get_logger()
         robot = dynamics.robot

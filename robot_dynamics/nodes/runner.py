@@ -30,6 +30,7 @@ from robot_dynamics.nodes.security import check_security_strategy, security_hint
 from robot_dynamics.version import package_version
 
 RCLPY_PARAMETERS = ("use_sim_time", "start_type_description_service")  # that every node has
+LATER_PARAMETERS = ("qos_overrides.", "constraints.")  # beginnings of names that are declared later, or by rclpy
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -118,7 +119,7 @@ def _warn_of_unknown_parameters(node: Node) -> None:
     known = [name for name in node.list_parameters([], 0).names if name not in RCLPY_PARAMETERS]
     overrides = getattr(node, "_parameter_overrides", {})  # rclpy has no public access to them
     for name in overrides:
-        if not node.has_parameter(name) and name not in RCLPY_PARAMETERS and not name.startswith("qos_overrides."):
+        if not node.has_parameter(name) and name not in RCLPY_PARAMETERS and not name.startswith(LATER_PARAMETERS):
             node.get_logger().warning(f"{describe_unknown_name('parameter', name, known)} Nothing reads it")
 
 

@@ -2,13 +2,11 @@
 
 import importlib.util
 import os
-import shutil
 import subprocess
 import sys
-import sysconfig
-from pathlib import Path
 
 import pytest
+from nodes.built_interfaces import build_interfaces
 
 from robot_dynamics.nodes.processes import running_node
 
@@ -47,34 +45,12 @@ def tf2(tmp_path_factory):
     """The environment in which tf2_msgs can be imported: as it is, or with one that is made now."""
     if importlib.util.find_spec("tf2_msgs") is not None:
         return {}
-    venv = Path(sys.prefix)
-    cmake = shutil.which("cmake", path=venv / "bin") or shutil.which("cmake")
-    if cmake is None or not (venv / "share" / "ament_cmake" / "cmake").is_dir():
-        pytest.skip("no tf2_msgs, and no cmake or no ament_cmake to make it with")
     source, prefix = tmp_path_factory.mktemp("tf2_msgs"), tmp_path_factory.mktemp("prefix")
     (source / "msg").mkdir()
     (source / "msg" / "TFMessage.msg").write_text("geometry_msgs/TransformStamped[] transforms\n")
     (source / "package.xml").write_text(PACKAGE)
     (source / "CMakeLists.txt").write_text(CMAKE)
-    environment = {name: value for name, value in os.environ.items()
-                   if name not in ("LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE", "PYTHONPATH")}  # fmt: skip
-    environment["PATH"] = os.pathsep.join([str(venv / "bin"), environment["PATH"]])
-    environment["AMENT_PREFIX_PATH"] = environment["CMAKE_PREFIX_PATH"] = str(venv)
-    options = [f"-DCMAKE_INSTALL_PREFIX={prefix}", f"-DPython3_EXECUTABLE={sys.executable}", "-DBUILD_TESTING=OFF"]
-    for command in (
-        ["-S", source, "-B", source / "build", "-G", "Ninja", *options],
-        ["--build", source / "build"],
-        ["--install", source / "build"],
-    ):
-        done = subprocess.run([cmake, *map(str, command)], env=environment, capture_output=True, text=True, timeout=240)
-        assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
-    (packages,) = prefix.glob(f"lib/python{sysconfig.get_python_version()}/*-packages")
-    libraries = [str(prefix / "lib"), os.environ.get("LD_LIBRARY_PATH", "")]
-    return {
-        "PYTHONPATH": os.pathsep.join([str(packages), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep),
-        "LD_LIBRARY_PATH": os.pathsep.join(libraries),
-        "AMENT_PREFIX_PATH": os.pathsep.join([str(prefix), os.environ.get("AMENT_PREFIX_PATH", "")]).rstrip(os.pathsep),
-    }
+    return build_interfaces(source, source / "build", prefix)
 
 
 def test_pose_of_the_base_is_published_on_tf(tf2):

@@ -19,8 +19,9 @@ from robot_dynamics.control.modes import FEEDFORWARD, GRAVITY
 from robot_dynamics.control.sending import send_in_time
 from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.codecs.base_odometry import BaseOdometryReader
+from robot_dynamics.nodes.codecs.fields import to_nanoseconds
 from robot_dynamics.nodes.codecs.joint_states import JointStateReader
-from robot_dynamics.nodes.codecs.references import read_reference_point
+from robot_dynamics.nodes.codecs.references import read_reference, read_reference_point
 from robot_dynamics.nodes.codecs.serialized_trajectories import read_serialized_reference
 from robot_dynamics.nodes.computed_torque.state_agreement import ReceivedState
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
@@ -103,7 +104,7 @@ class ControlLoop:
         self.is_active = False
         self.activated_at = -inf  # [s] by the clock of the machine
         self.prepared: PreparedLaw | RejectedLaw | None = None  # set by another thread, applied by the next callback
-        self._namespace = namespace
+        self.namespace = namespace
         self._times = times
         self._outputs = outputs
         self._statistics = statistics
@@ -217,9 +218,28 @@ class ControlLoop:
     def read_trajectory(self, data: ByteArray) -> TimedReference:
         """Read a serialized trajectory in a thread beside that of the efforts. Raises InvalidInputError."""
         received = self._times.now()
-        stamp, times, points = read_serialized_reference(data, self.law.joints, self._namespace)
+        stamp, times, points = read_serialized_reference(data, self.law.joints, self.namespace)
         trajectory = self.controller.prepare_trajectory(times, points, lambda: sleep(READER_PAUSE))
         return TimedReference(received, stamp, trajectory)
+
+    def read_trajectory_message(self, message: JointTrajectory) -> TimedReference:
+        """Read the trajectory of a goal in a thread beside that of the efforts. Raises InvalidInputError."""
+        received = self._times.now()
+        times, points = read_reference(message, self.law.joints, self.namespace)
+        trajectory = self.controller.prepare_trajectory(times, points, lambda: sleep(READER_PAUSE))
+        if trajectory is None:
+            raise InvalidInputError("the trajectory has no points: at least one is needed")
+        stamp = to_nanoseconds(message.header.stamp)
+        age = received - self._times.of_nanoseconds(stamp) - trajectory.end
+        if stamp and age > 0:
+            raise InvalidInputError(
+                f"the trajectory ended {age:.3f} s ago: header.stamp is when it starts, zero for now"
+            )
+        return TimedReference(received, stamp, trajectory)
+
+    def now(self) -> float:
+        """Return the time [s] by the clock of the node."""
+        return self._times.now()
 
     def follow_trajectory(self, reference: TimedReference) -> None:
         """Follow a trajectory from its start. Raises InvalidInputError."""
@@ -230,15 +250,15 @@ class ControlLoop:
     def track_point(self, message: JointTrajectory, info: MessageInfo) -> None:
         """Track a single point for reference_timeout. Raises InvalidInputError."""
         now = self._times.now()
-        point = read_reference_point(message, self.law.joints, self._namespace)
+        point = read_reference_point(message, self.law.joints, self.namespace)
         published = now - self._times.transit_time(message, info)
         self.controller.track_point(now, self._start_time(message, published), point)
 
     def _joint_state_reader(self, law: ControlLaw) -> JointStateReader:
-        return JointStateReader(law.dynamics, law.joints, self._namespace, law.q, law.qd, law.dependent_positions)
+        return JointStateReader(law.dynamics, law.joints, self.namespace, law.q, law.qd, law.dependent_positions)
 
     def _base_reader(self, law: ControlLaw) -> BaseOdometryReader:
-        return BaseOdometryReader(law.dynamics.robot, self._namespace, law.twist, law.gravity)
+        return BaseOdometryReader(law.dynamics.robot, self.namespace, law.twist, law.gravity)
 
     def _apply_prepared_law(self) -> None:
         """Replace the law by the one that has been prepared for a changed robot, if there is one."""

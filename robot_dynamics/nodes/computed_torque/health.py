@@ -52,6 +52,8 @@ def control_health(
         warnings.append(f"last change refused: {robot.rejection_reason}")
     if controller.saturated.any():
         warnings.append(f"at its limit: {', '.join(np.array(loop.law.joints)[controller.saturated])}")
+    if controller.collision != "none":
+        warnings.append(f"collision: {controller.collision}, references are refused")
     if controller.settings.mode != GRAVITY and controller.no_reference_reason:
         warnings.append(controller.no_reference_reason)
     if refusal:

@@ -18,9 +18,10 @@ from sensor_msgs.msg import JointState
 
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
 from robot_dynamics.control.modes import ADAPTIVE
-from robot_dynamics.errors import InvalidInputError, RobotDynamicsError
+from robot_dynamics.errors import InvalidInputError, RobotDynamicsError, describe_unknown_name
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.computed_torque.adapted_model import AdaptedModel
+from robot_dynamics.nodes.computed_torque.collision_input import CollisionInput
 from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, PreparedLaw, RejectedLaw
 from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
 from robot_dynamics.nodes.computed_torque.fault_log import FaultLog
@@ -30,13 +31,16 @@ from robot_dynamics.nodes.computed_torque.outputs import QOS_OVERRIDES, ControlO
 from robot_dynamics.nodes.computed_torque.parameters import (
     PARAMETERS,
     adaptation_limits,
+    default_tolerances,
     describe_settings,
+    joint_tolerance_parameters,
     limits_warning,
     settings_from_parameters,
 )
 from robot_dynamics.nodes.computed_torque.publisher_monitor import PublisherMonitor, SequenceSteps
 from robot_dynamics.nodes.computed_torque.reference_inputs import ReferenceInputs
 from robot_dynamics.nodes.computed_torque.state_agreement import StateAgreement
+from robot_dynamics.nodes.computed_torque.trajectory_action import DEACTIVATED, TrajectoryAction
 from robot_dynamics.nodes.diagnostics import Diagnostics
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.lifecycle import RobustLifecycleNode
@@ -54,14 +58,21 @@ from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
 
+try:
+    from control_msgs.action import FollowJointTrajectory
+except ImportError:  # an optional package
+    FollowJointTrajectory = None
+
 if TYPE_CHECKING:
     from robot_dynamics.control.controller import Settings
+    from robot_dynamics.control.goal_tolerances import GoalTolerances
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.nodes.diagnostics import Level, Values
     from robot_dynamics.nodes.message_info import MessageInfo
     from robot_dynamics.nodes.parameters import (
         ParameterValues,
     )
+    from robot_dynamics.nodes.robot_source import DescriptionKey
 
 MAX_TICK = 0.005  # [s] longest time between two checks of the age of the state
 SWITCH_INTERVAL = 2e-4  # [s] after which a thread that loads a robot lets the streaming thread go on
@@ -75,6 +86,9 @@ class ComputedTorque(RobustLifecycleNode):
     topic robot_description: computed_torque --ros-args -p robot_file:=panda
 
     The reference is a trajectory on ~/reference, or single points on ~/reference_point (both JointTrajectory).
+    Where control_msgs is installed, the action ~/follow_joint_trajectory takes trajectories as well, and
+    ~/controller_state is published.
+
     Parameter mode selects the control law: gravity_compensation, feedforward, computed_torque, pd_gravity or
     adaptive_computed_torque. ~/state has reference, feedback, error and output. If the state is stale or invalid,
     efforts go to zero in ramp_time and zeros are sent from then on; /diagnostics has the reason.
@@ -84,11 +98,13 @@ class ComputedTorque(RobustLifecycleNode):
         super().__init__("computed_torque", **arguments)
         self._loop: ControlLoop | None = None  # exists while the node is configured
         self._is_built = False
+        self._description: DescriptionKey | None = None
         self._start_requested = False
         self._configuration_error = ""
         self._statistics = ControlStatistics()
         self._fault_log = FaultLog(self.get_logger())
         declare_parameters(self, PARAMETERS)
+        self._specs = dict(PARAMETERS)  # and those of the controlled joints
         self._values = read_parameters(self, PARAMETERS)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
         self._robot = RobotSource(self, self._on_new_robot, self._worker, self._require_changeable)
@@ -108,14 +124,36 @@ class ComputedTorque(RobustLifecycleNode):
         self._diagnostics = Diagnostics(self, "control", self._report)
         self._references = ReferenceInputs(self, lambda: self._loop)
         self._adapted_model = AdaptedModel(self, lambda: self._loop, self._worker)
+        self._action = self._make_action()
+        self._collision = CollisionInput(self, lambda: self._loop, lambda: self._values["collision_reaction"])
         self._subscribe()
         # a timer of the machine's time: that of a simulation may stand still
         self._timer = self.create_timer(
             self._tick_period(), self._on_tick, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self._is_built = True
+        self._description = self._robot.description
         if self._values["autostart"]:
             self._start()
+
+    def _make_action(self) -> TrajectoryAction | None:
+        if FollowJointTrajectory is None:
+            self.get_logger().info(
+                "control_msgs is not installed: there are neither ~/follow_joint_trajectory nor ~/controller_state "
+                "(sudo apt install ros-jazzy-control-msgs)"
+            )
+            return None
+        return TrajectoryAction(
+            self,
+            FollowJointTrajectory,
+            lambda: self._loop,
+            self._references,
+            self._default_tolerances,
+            lambda: self._values["action_monitor_rate"],
+        )
+
+    def _default_tolerances(self, joints: tuple[str, ...]) -> GoalTolerances:
+        return default_tolerances(self._values, joints)
 
     def _subscribe(self) -> None:
         qos = INPUT_STREAM_QOS
@@ -152,6 +190,7 @@ class ComputedTorque(RobustLifecycleNode):
             dynamics = self._robot.dynamics
             law = self._make_law(dynamics, self._values["joints"] or actuated_joint_names(dynamics))
             settings = self._settings(self._values, dynamics, law.joints)
+            self._declare_joint_tolerances(law.joints)
         except RobotDynamicsError as error:
             self._configuration_error = f"not configured: {error}"
             logger.error(self._configuration_error)
@@ -181,11 +220,24 @@ class ComputedTorque(RobustLifecycleNode):
             logger.warning(excess)
         return super().on_configure(state)
 
+    def _declare_joint_tolerances(self, joints: Sequence[str]) -> None:
+        """Declare constraints.<joint>.trajectory and .goal. Raises InvalidInputError."""
+        specs = joint_tolerance_parameters(joints)
+        new = {name: spec for name, spec in specs.items() if not self.has_parameter(name)}
+        declare_parameters(self, new)
+        self._specs = {**PARAMETERS, **specs}
+        self._values.update(read_parameters(self, specs))
+        for name in getattr(self, "_parameter_overrides", {}):  # rclpy has no public access to them
+            if name.startswith("constraints.") and not self.has_parameter(name):
+                known = [known for known in self._specs if known.startswith("constraints.")]
+                self.get_logger().warning(f"{describe_unknown_name('parameter', name, known)} Nothing reads it")
+
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to send efforts, from zero."""
         assert self._loop is not None, "only a configured node is activated"
         gc.freeze()  # the objects that exist by now stay: garbage collection need not search them while efforts are due
         self._loop.activate()
+        self._collision.update()
         self._fault_log.restart(self._loop.controller.watchdog.rejection_reason)
         return super().on_activate(state)
 
@@ -205,12 +257,16 @@ class ComputedTorque(RobustLifecycleNode):
         return super().on_shutdown(state)
 
     def _stop(self) -> None:
+        if self._action is not None:
+            self._action.abort(DEACTIVATED)
         if self._loop is not None:
             self._loop.deactivate()
 
     def destroy_node(self) -> None:
         """Send zero efforts if the node is active, and destroy it."""
         self._stop()
+        if self._action is not None:
+            self._action.close()
         self._references.close()
         self._worker.shutdown(wait=False, cancel_futures=True)
         super().destroy_node()
@@ -221,6 +277,9 @@ class ComputedTorque(RobustLifecycleNode):
         """Prepare the law of another robot, or of another payload, while the present one goes on."""
         if not self._is_built:
             return
+        if self._action is not None and self._robot.description != self._description:
+            self._action.abort("the robot description changed", hold=True)
+        self._description = self._robot.description
         if self._loop is None:
             self._start_requested = self._values["autostart"]  # in the thread of the executor, at the next tick
         else:
@@ -246,7 +305,7 @@ class ComputedTorque(RobustLifecycleNode):
         def change() -> None:
             for parameter in parameters:
                 self._require_changeable(parameter.name)
-            changes = validate_changes(PARAMETERS, parameters)
+            changes = validate_changes(self._specs, parameters)
             if self._loop is not None:
                 law = self._loop.law
                 settings = self._settings({**self._values, **changes}, law.dynamics, law.joints)
@@ -266,13 +325,14 @@ class ComputedTorque(RobustLifecycleNode):
             raise InvalidInputError(f"parameter {name} cannot change while efforts are sent: deactivate the node")
 
     def _after_change(self, parameters: Sequence[Parameter]) -> None:
-        changes = validate_changes(PARAMETERS, parameters)
+        changes = validate_changes(self._specs, parameters)
         if not changes:
             return
         self._values.update(changes)
         if self._loop is not None:
             law = self._loop.law
             self._loop.controller.apply(self._settings(self._values, law.dynamics, law.joints))
+            self._collision.update()
         elif self._configuration_error:  # the change may have removed the error
             self._start_requested = self._values["autostart"]
         self._timer.timer_period_ns = int(self._tick_period() * 1e9)
@@ -281,7 +341,7 @@ class ComputedTorque(RobustLifecycleNode):
 
     def _on_joint_states(self, message: JointState, info: MessageInfo) -> None:
         if self._loop is not None:
-            self._references.follow_read()
+            self._follow_references()
             self._loop.on_joint_states(message, info)
 
     def _on_odometry(self, message: Odometry, info: MessageInfo) -> None:
@@ -291,15 +351,22 @@ class ComputedTorque(RobustLifecycleNode):
     def _on_tick(self) -> None:
         if self._start_requested:
             self._start()
-        self._references.follow_read()
+        self._follow_references()
         if self._loop is not None:
             self._loop.on_tick()
+
+    def _follow_references(self) -> None:
+        self._references.follow_read()
+        if self._action is not None:
+            self._action.follow_accepted()
 
     def _on_sent(self, time: float) -> None:
         """Publish ~/state if it is due at a time [s], and log and publish what has changed."""
         if self._loop is None:
             return
         controller = self._loop.controller
+        if self._action is not None:
+            self._action.step(time)
         self._outputs.publish_state(controller, time, self._values["state_rate"])
         self._fault_log.update(controller.fault)
         self._diagnostics.publish_if_changed(

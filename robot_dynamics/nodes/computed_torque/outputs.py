@@ -18,6 +18,11 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from robot_dynamics.nodes.qos import LATEST_ONLY_QOS
 
+try:
+    from control_msgs.msg import JointTrajectoryControllerState
+except ImportError:  # an optional package
+    JointTrajectoryControllerState = None
+
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array
     from robot_dynamics.control.controller import Controller
@@ -26,13 +31,16 @@ QOS_OVERRIDES = QoSOverridingOptions.with_default_policies()
 
 
 class ControlOutputs:
-    """Publishers of ~/commands, ~/effort and ~/state."""
+    """Publishers of ~/commands, ~/effort, ~/state and, where control_msgs is installed, ~/controller_state."""
 
     def __init__(self, node: LifecycleNode) -> None:
         self._clock = node.get_clock()
         self._commands = self._publisher(node, Float64MultiArray, "~/commands")
         self._effort = self._publisher(node, JointState, "~/effort")
         self._state = self._publisher(node, JointTrajectory, "~/state")
+        self._controller_state: Publisher | None = None
+        if JointTrajectoryControllerState is not None:
+            self._controller_state = self._publisher(node, JointTrajectoryControllerState, "~/controller_state")
         self._state_published_at = -np.inf
         self.configure(())
 
@@ -83,6 +91,8 @@ class ControlOutputs:
         self._state_published_at = time
         if self._state.get_subscription_count():
             self._state.publish(self._state_message(controller))
+        if self._controller_state is not None and self._controller_state.get_subscription_count():
+            self._controller_state.publish(_controller_state_message(self._state_message(controller)))
 
     def _state_message(self, controller: Controller) -> JointTrajectory:
         law = controller.law
@@ -97,6 +107,20 @@ class ControlOutputs:
         message = JointTrajectory(joint_names=list(law.joints), points=[reference, feedback, error, output])
         message.header.stamp = self._clock.now().to_msg()
         return message
+
+
+def _controller_state_message(state: JointTrajectory) -> JointTrajectoryControllerState:
+    """Return the same numbers in the type that joint_trajectory_controller publishes."""
+    reference, feedback, error, output = state.points
+    return JointTrajectoryControllerState(
+        header=state.header,
+        joint_names=state.joint_names,
+        reference=reference,
+        feedback=feedback,
+        error=error,
+        output=output,
+        speed_scaling_factor=1.0,
+    )
 
 
 def _fill(point: JointTrajectoryPoint, *columns: Array) -> None:

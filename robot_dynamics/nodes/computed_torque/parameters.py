@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robot_dynamics.control.controller import Settings
+from robot_dynamics.control.goal_tolerances import GoalTolerances
 from robot_dynamics.control.modes import (
     ADAPTIVE,
+    COLLISION_ACTIONS,
     COMPUTED_TORQUE,
     FRICTION_VELOCITIES,
     MODES,
@@ -114,8 +117,56 @@ PARAMETERS = by_name(
     ParameterSpec(
         "adaptation.max_rate", 2.0, "largest relative rate of change of an adapted parameter [1/s]", lower_bound=0.0
     ),
+    ParameterSpec(
+        "collision_reaction",
+        "none",
+        "what a true message on collision causes: none, hold, retract or gravity_compensation",
+        choices=tuple(COLLISION_ACTIONS),
+    ),
+    ParameterSpec(
+        "constraints.goal_time",
+        0.0,
+        "time after the end of a goal in which the joints must come within its goal tolerances [s]; 0: no limit",
+        lower_bound=0.0,
+    ),
+    ParameterSpec(
+        "constraints.stopped_velocity_tolerance",
+        0.01,
+        "velocity of each joint at the end of a goal [rad/s or m/s]; 0: no limit",
+        lower_bound=0.0,
+    ),
+    ParameterSpec(
+        "action_monitor_rate", 20.0, "maximum rate of the feedback of a goal [1/s]; 0: never", lower_bound=0.0
+    ),
     ParameterSpec("autostart", True, "configure and activate the node when it has a robot", read_at="configuration"),
 )
+
+
+JOINT_TOLERANCES = by_name(
+    ParameterSpec(
+        "trajectory", 0.0, "largest error of the position on the way to a goal [rad or m]; 0: no limit", lower_bound=0.0
+    ),
+    ParameterSpec(
+        "goal", 0.0, "largest error of the position at the end of a goal [rad or m]; 0: no limit", lower_bound=0.0
+    ),
+)
+"""The parameters constraints.<joint>.<name> of each joint that is controlled."""
+
+
+def joint_tolerance_parameters(joints: Sequence[str]) -> dict[str, ParameterSpec]:
+    """Return the specifications of JOINT_TOLERANCES with their full names for joints."""
+    return {
+        f"constraints.{joint}.{name}": replace(spec, name=f"constraints.{joint}.{name}")
+        for joint in joints
+        for name, spec in JOINT_TOLERANCES.items()
+    }
+
+
+def default_tolerances(values: ParameterValues, joints: Sequence[str]) -> GoalTolerances:
+    """Return the tolerances of goals for joints of these names."""
+    trajectory, goal = ([values[f"constraints.{joint}.{name}"] for joint in joints] for name in JOINT_TOLERANCES)
+    velocity = values["constraints.stopped_velocity_tolerance"]
+    return GoalTolerances.from_defaults(trajectory, goal, velocity, values["constraints.goal_time"])
 
 
 def validate_parameter(name: str, value: object) -> object:

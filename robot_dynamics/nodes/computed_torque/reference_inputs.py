@@ -21,6 +21,7 @@ from robot_dynamics.nodes.serialized_subscription import SerializedSubscription
 
 if TYPE_CHECKING:
     from robot_dynamics.array_types import ByteArray
+    from robot_dynamics.control.goal_execution import GoalExecution
     from robot_dynamics.nodes.computed_torque.control_loop import ControlLoop, TimedReference
     from robot_dynamics.nodes.message_info import MessageInfo
 
@@ -76,40 +77,53 @@ class ReferenceInputs:
         while self._read:
             self._take("reference", partial(self._follow, self._read.popleft()))
 
+    def follow_goal(self, read: ReadReference, goal: GoalExecution) -> None:
+        """Follow the trajectory of a goal, which ends if it cannot be followed."""
+        try:
+            if not self._follow(read):
+                goal.abort("Current goal preempted by another reference.")
+                return
+            assert read.loop is not None, "a goal is read for a loop"
+            goal.begin(read.loop.controller.source)
+        except Exception as error:
+            goal.abort(failure_reason(self._logger, error))
+
     def _on_trajectory(self, data: ByteArray) -> None:
         """Read a message in the thread of the subscription."""
         received_at = perf_counter()
         loop = self._loop()
         content: TimedReference | Exception
         try:
-            content = _require_active(loop).read_trajectory(data)
+            content = require_active(loop).read_trajectory(data)
         except Exception as error:
             content = error
         self._read.append(ReadReference(loop, received_at, content))
 
-    def _follow(self, read: ReadReference) -> None:
+    def _follow(self, read: ReadReference) -> bool:
+        """Follow a trajectory, and return True; False if a later reference has come."""
         if isinstance(read.content, Exception):
             raise read.content
-        loop = _require_active(self._loop())
+        loop = require_active(self._loop())
         if loop is not read.loop or read.received_at < loop.activated_at:
             raise InvalidInputError("the node was activated anew while the reference was read: send it again")
         if read.received_at < self._followed_since:  # a point came in the meantime
-            return
+            return False
         loop.follow_trajectory(read.content)
         self._followed_since = read.received_at
+        return True
 
     def _on_point(self, data: bytes, info: MessageInfo) -> None:
         self._take("reference_point", partial(self._track, data, info))
 
     def _track(self, data: bytes, info: MessageInfo) -> None:
         received_at = perf_counter()
-        loop = _require_active(self._loop())
+        loop = require_active(self._loop())
         if len(data) > MAX_POINT_SIZE:
             raise InvalidInputError(f"{len(data)} bytes came for one point: publish a trajectory on ~/reference")
         loop.track_point(deserialize_message(data, JointTrajectory), info)
         self._followed_since = received_at
 
-    def _take(self, topic: str, take: Callable[[], None]) -> None:
+    def _take(self, topic: str, take: Callable[[], object]) -> None:
         try:
             take()
             self.refusal = ""
@@ -120,7 +134,8 @@ class ReferenceInputs:
             self._logger.warning(self.refusal, throttle_duration_sec=1.0)
 
 
-def _require_active(loop: ControlLoop | None) -> ControlLoop:
+def require_active(loop: ControlLoop | None) -> ControlLoop:
+    """Return the control loop. Raises InvalidInputError if there is none, or it is not active."""
     if loop is None or not loop.is_active:
         raise InvalidInputError("the node is not active")
     return loop
