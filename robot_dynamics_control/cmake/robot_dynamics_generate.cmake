@@ -17,6 +17,7 @@
 # Without CONTROL and MODELS, MODELS is inverse. The generated code is compiled with -O1, which is as fast as -O2 here.
 # Where robot-dynamics is not on PATH, set the variable ROBOT_DYNAMICS_EXECUTABLE.
 
+# robot_dynamics_find_executable([QUIET]) sets ROBOT_DYNAMICS_EXECUTABLE
 function(robot_dynamics_find_executable)
   set(prefixes "$ENV{AMENT_PREFIX_PATH}:$ENV{CMAKE_PREFIX_PATH}")
   string(REPLACE ":" ";" prefixes "${prefixes}")
@@ -24,7 +25,7 @@ function(robot_dynamics_find_executable)
   find_program(ROBOT_DYNAMICS_EXECUTABLE robot-dynamics
     HINTS ${CMAKE_PREFIX_PATH} ${prefixes} PATH_SUFFIXES bin lib/robot_dynamics
     DOC "The command robot-dynamics, which generates models of robots")
-  if(NOT ROBOT_DYNAMICS_EXECUTABLE)
+  if(NOT ROBOT_DYNAMICS_EXECUTABLE AND NOT "QUIET" IN_LIST ARGN)
     message(FATAL_ERROR "robot_dynamics_generate: the command robot-dynamics is not found. Install the Python package "
       "robot_dynamics, source the workspace that has it, or set -DROBOT_DYNAMICS_EXECUTABLE=/path/to/robot-dynamics")
   endif()

@@ -5,45 +5,8 @@
 #include <cstdlib>
 #include <limits>
 
-namespace {
-bool is_counting = false;
-unsigned long allocations = 0;
-} // namespace
-
-extern "C" {
-
-// of the GNU C library, which calls the functions below wherever it allocates for others
-void* __libc_malloc(std::size_t size);
-void* __libc_calloc(std::size_t count, std::size_t size);
-void* __libc_realloc(void* pointer, std::size_t size);
-void* __libc_memalign(std::size_t alignment, std::size_t size);
-
-void* malloc(std::size_t size)
-{
-    allocations += is_counting;
-    return __libc_malloc(size);
-}
-
-void* calloc(std::size_t count, std::size_t size)
-{
-    allocations += is_counting;
-    return __libc_calloc(count, size);
-}
-
-void* realloc(void* pointer, std::size_t size)
-{
-    allocations += is_counting;
-    return __libc_realloc(pointer, size);
-}
-
-void* aligned_alloc(std::size_t alignment, std::size_t size)
-{
-    allocations += is_counting;
-    return __libc_memalign(alignment, size);
-}
-}
-
 #include "check.hpp"
+#include "counted_allocations.hpp"
 #include "four_bar_control_model.h"
 #include "loaded_panda_control_model.h"
 #include "robot_dynamics_control/law.hpp"

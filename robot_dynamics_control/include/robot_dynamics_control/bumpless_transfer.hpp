@@ -55,6 +55,14 @@ public:
         is_requested_ = false;
     }
 
+    /// Set the last efforts, within limits and zero where they are not finite.
+    void depart_from(Numbers efforts) noexcept
+    {
+        for (std::size_t i = 0; i < efforts_.size() && i < efforts.size(); ++i) {
+            efforts_[i] = std::isfinite(efforts[i]) ? std::clamp(efforts[i], -limits_[i], limits_[i]) : 0.0;
+        }
+    }
+
     /// Efforts at a time [s] for the desired ones.
     Numbers update(double now, Numbers desired) noexcept
     {

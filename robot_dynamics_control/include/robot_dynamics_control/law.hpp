@@ -148,6 +148,14 @@ public:
         fault_ = Fault::none;
     }
 
+    /// Return to the initial condition, but with efforts that are in force, one for each controlled joint, or zero where
+    /// they are not finite: the next efforts depart from them without a jump.
+    void restart(Numbers efforts) noexcept
+    {
+        restart();
+        transfer_.depart_from(efforts);
+    }
+
     const Settings& settings() const noexcept { return settings_; }
 
     /// The control law, into whose buffers states are written.

@@ -1,0 +1,135 @@
+"""What is written twice about the controller of ros2_control agrees: parameters, defaults, names, the example."""
+
+import re
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import yaml
+
+from robot_dynamics.control.modes import FIXED_MODEL_MODES, FRICTION_VELOCITIES, NO_REFERENCE_ACTIONS
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "robot_dynamics_control"
+BRINGUP = PACKAGE / "bringup"
+PAGE = (ROOT / "docs" / "how_to" / "ros2_control.md").read_text(encoding="utf-8")
+CHOICES = {
+    "mode": FIXED_MODEL_MODES,
+    "friction_velocity": FRICTION_VELOCITIES,
+    "without_reference": NO_REFERENCE_ACTIONS,
+}
+
+
+def flattened(parameters, prefix=""):
+    """Return {name: declaration} of nested parameters."""
+    found = {}
+    for name, value in parameters.items():
+        found.update({prefix + name: value} if "type" in value else flattened(value, f"{prefix}{name}."))
+    return found
+
+
+@pytest.fixture(scope="module")
+def declared():
+    path = PACKAGE / "src" / "controller" / "computed_torque_controller_parameters.yaml"
+    (parameters,) = yaml.safe_load(path.read_text(encoding="utf-8")).values()
+    return flattened(parameters)
+
+
+@pytest.fixture(scope="module")
+def controllers():
+    """Return the parameters of the example by controller."""
+    text = (BRINGUP / "panda_controllers.yaml").read_text(encoding="utf-8")
+    return {name: section["ros__parameters"] for name, section in yaml.safe_load(text).items()}
+
+
+@pytest.fixture(scope="module")
+def urdf():
+    return ElementTree.parse(ROOT / "config" / "robots" / "panda.urdf").getroot()
+
+
+def test_parameters_are_those_of_the_node(declared):
+    pytest.importorskip("rclpy")
+    from robot_dynamics.nodes.computed_torque.parameters import PARAMETERS
+
+    in_both = set(declared) & set(PARAMETERS)
+    assert {"mode", "kp", "kd", "effort_limits", "state_timeout", "reference_timeout", "ramp_time"} <= in_both
+    for name in in_both:
+        default = PARAMETERS[name].default
+        assert declared[name]["default_value"] == (default if default != "" else []), name
+
+
+def test_payload_is_that_of_the_node(declared):
+    pytest.importorskip("rclpy")
+    from robot_dynamics.nodes.robot_source import PARAMETERS
+
+    for name in ("payload.mass", "payload.first_moments", "payload.inertia"):
+        assert declared[name]["default_value"] == PARAMETERS[name].default, name
+
+
+def test_choices_are_those_of_the_library(declared):
+    for name, values in CHOICES.items():
+        assert declared[name]["validation"]["one_of<>"] == [list(values)], name
+
+
+def test_page_has_all_parameters_and_their_defaults(declared):
+    section = PAGE.partition("## Parameters")[2].partition("\n## ")[0]
+    rows = dict(re.findall(r"^\| ((?:`[\w.]+`(?:, )?)+) \| (.*?) \|", section, re.MULTILINE))
+    in_page = {}
+    for names, defaults in rows.items():
+        names = re.findall(r"`([\w.]+)`", names)
+        defaults = defaults.replace("`", "")
+        values = re.findall(r"\[[^]]*\]", defaults) if len(names) == 2 else [defaults] * len(names)
+        in_page.update(dict(zip(names, values, strict=True)))
+    assert set(in_page) == set(declared)
+    for name, text in in_page.items():
+        default = declared[name]["default_value"]
+        if not name.startswith("payload."):
+            assert (yaml.safe_load(text) or "") == (default or ""), name
+
+
+def test_example_has_known_parameters(controllers, declared):
+    parameters = dict(controllers["computed_torque_controller"])
+    assert parameters.pop("type") == "robot_dynamics_control/ComputedTorqueController"
+    assert set(parameters) <= set(declared)
+
+
+def test_example_chains_the_controllers(controllers, urdf):
+    joints = [joint.get("name") for joint in urdf.iter("joint") if joint.get("type") == "revolute"]
+    trajectory = controllers["joint_trajectory_controller"]
+    assert trajectory["joints"] == joints == controllers["effort_controller"]["joints"]
+    assert trajectory["command_joints"] == [f"computed_torque_controller/{joint}" for joint in joints]
+
+
+@pytest.mark.parametrize("hardware", ["simulated", "mock"])
+def test_hardware_of_the_example_has_the_interfaces_of_the_controller(hardware, urdf):
+    system = ElementTree.parse(BRINGUP / f"panda_{hardware}.ros2_control.xml").getroot()
+    limits = {joint.get("name"): joint.find("limit") for joint in urdf.iter("joint") if joint.get("type") == "revolute"}
+    assert [joint.get("name") for joint in system.iter("joint")] == list(limits)
+    for joint in system.iter("joint"):
+        assert "effort" in {interface.get("name") for interface in joint.iter("command_interface")}
+        assert {"position", "velocity"} <= {interface.get("name") for interface in joint.iter("state_interface")}
+        initial = float(joint.find("state_interface/param").text)
+        limit = limits[joint.get("name")]
+        assert float(limit.get("lower")) < initial < float(limit.get("upper"))
+
+
+def test_plugins_are_those_that_are_exported():
+    for path in PACKAGE.glob("src/*/*_plugins.xml"):
+        library = ElementTree.parse(path).getroot()
+        sources = "".join(source.read_text(encoding="utf-8") for source in path.parent.glob("*.cpp"))
+        cmake = (path.parent / "CMakeLists.txt").read_text(encoding="utf-8")
+        assert f"add_library({library.get('path')} SHARED" in cmake
+        for plugin in library.iter("class"):
+            exported = rf"PLUGINLIB_EXPORT_CLASS\(\s*{plugin.get('type')}, {plugin.get('base_class_type')}\)"
+            assert re.search(exported, sources), plugin.get("name")
+        assert str(path.relative_to(PACKAGE)) in (PACKAGE / "CMakeLists.txt").read_text(encoding="utf-8")
+
+
+def test_manifest_has_a_key_for_each_package_that_cmake_finds():
+    manifest = ElementTree.parse(PACKAGE / "package.xml").getroot()
+    keys = {element.text for element in manifest if element.tag.endswith("depend")}
+    cmake = (PACKAGE / "CMakeLists.txt").read_text(encoding="utf-8")
+    found = set(re.findall(r"find_package\((\w+)", cmake)) | set(
+        re.search(r"foreach\(dependency ([^)]*)\)", cmake)[1].split()
+    )
+    assert found - {"dependency"} <= keys
