@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from robot_dynamics.model.formats.mjcf.document import is_mjcf
+from robot_dynamics.model.formats.sdf.document import is_sdf
 from robot_dynamics.model.formats.urdf.document import decode_urdf
 from robot_dynamics.model.formats.urdf.writer import write_urdf
 from robot_dynamics.model.formats.xacro.expansion import expand_xacro, is_xacro
@@ -33,7 +35,8 @@ def viewed_urdf(description: str) -> str:
     """
     text, source = read_description(description)
     robot = read_robot(text, source=source)
-    if is_urdf(text) and robot.visuals and not robot.moving_base:
+    is_other_xml = is_mjcf(text) or is_sdf(text)
+    if is_urdf(text) and not is_other_xml and robot.visuals and not robot.moving_base:
         return expand_xacro(source) if is_xacro(text, source) else decode_urdf(text, source)
     return write_urdf(replace(add_skeleton(robot), moving_base=False), lossy=True)
 

@@ -182,6 +182,20 @@ def test_friction_of_all_kinds_is_that_of_the_library(client, start_server):
     np.testing.assert_allclose(terms.friction, [*np.zeros(6), *expected], rtol=1e-9, atol=1e-9)
 
 
+def test_sdf_text_is_served(client, start_server):
+    """A pole of 3 kg with its centre 0.5 m above a horizontal axis: 3 · 9.81 · 0.5 · sin q, upside down."""
+    inertia = "<inertia><ixx>1</ixx><iyy>1</iyy><izz>1</izz></inertia>"
+    server = start_server(
+        {
+            "robot_description": '<sdf version="1.9"><model name="pole"><link name="pole"><inertial><mass>3</mass>'
+            f"<pose>0 0 0.5 0 0 0</pose>{inertia}</inertial></link><joint name='swing' type='revolute'>"
+            "<parent>world</parent><child>pole</child><axis><xyz>0 1 0</xyz></axis></joint></model></sdf>"
+        }
+    )
+    response = call_successfully(client, server, inverse_request(["swing"], [[0.3]], [[0.0]], [[0.0]]))
+    np.testing.assert_allclose(field(response.trajectory, "effort"), [[-3 * 9.81 * 0.5 * np.sin(0.3)]], atol=1e-12)
+
+
 def test_base_and_gravity_parameters_take_effect(client, start_server):
     urdf = real_urdf("borinot")
     server = start_server({"robot_description": urdf, "base": "fixed", "gravity": [0.0, 3.0, 0.0]})

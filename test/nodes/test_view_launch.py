@@ -50,6 +50,18 @@ def test_robot_state_publisher_has_the_joints_that_are_published(name):
     assert root_link(text) == robot.base_link
 
 
+SDF = """<sdf version="1.9"><model name="pole"><link name="pole">
+  <inertial><mass>3</mass></inertial><visual name="v"><geometry><box><size>1 2 3</size></box></geometry></visual></link>
+  <joint name="swing" type="revolute"><parent>world</parent><child>pole</child></joint></model></sdf>"""
+
+
+def test_sdf_with_shapes_is_shown_as_a_urdf(tmp_path):
+    path = tmp_path / "pole.sdf"
+    path.write_text(SDF)
+    root = ElementTree.fromstring(viewed_urdf(str(path)))
+    assert root.tag == "robot" and root.find(".//visual/geometry/box").get("size") == "1 2 3"
+
+
 def root_link(urdf):
     root = ElementTree.fromstring(urdf.encode())
     children = {child.get("link") for child in root.findall("joint/child")}

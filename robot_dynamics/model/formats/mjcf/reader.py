@@ -40,8 +40,8 @@ def read_mjcf(
 ) -> Robot:
     """Read a robot from the text of an MJCF.
 
-    MuJoCo compiles the model in a process of its own. Joint variables keep MuJoCo's sign and zero. Contacts, sensors
-    and all that is only drawn are left out.
+    MuJoCo compiles the model in a process of its own. Joint variables keep MuJoCo's sign and zero. Meshes, contacts
+    and sensors are left out.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ def _shape(document: SdfDocument, geometry: Element) -> Shape | None:
         path = find_resource(uri, document.folder)
         if path is None:
             document.fail(element, f"mesh {uri[:200]!r} is not found")
-        return MeshShape(str(path), np.ones(3) if scale is None else document.vector(scale), document.folder)
+        return MeshShape(f"file://{path}", np.ones(3) if scale is None else document.vector(scale), document.folder)
     if tag == "box":
         size = document.child(element, "size")
         return BoxShape(np.ones(3) if size is None else document.vector(size))

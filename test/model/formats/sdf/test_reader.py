@@ -327,7 +327,7 @@ def test_visuals_are_shapes_of_their_link(tmp_path):
     assert box.shape.size.tolist() == [1, 2, 3] and box.colour == (1, 0.5, 0, 0.5) and box.frame == "a"
     assert (cylinder.shape.radius, cylinder.shape.length, cylinder.placement[2, 3]) == (0.1, 2, 1)
     assert capsule.shape.points.tolist() == [[0, 0, -1], [0, 0, 1]] and capsule.shape.radius == 0.1
-    assert mesh.shape.file == str(tmp_path / "arm" / "hand.stl") and mesh.shape.scale.tolist() == [2, 2, 2]
+    assert mesh.shape.file == f"file://{tmp_path}/arm/hand.stl" and mesh.shape.scale.tolist() == [2, 2, 2]
     assert "<radius> is 'wide', a number is needed; the <visual> is not drawn" in robot.warnings[0]
 
 
