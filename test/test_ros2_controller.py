@@ -100,9 +100,11 @@ def test_example_chains_the_controllers(controllers, urdf):
     assert trajectory["command_joints"] == [f"computed_torque_controller/{joint}" for joint in joints]
 
 
-@pytest.mark.parametrize("hardware", ["simulated", "mock"])
-def test_hardware_of_the_example_has_the_interfaces_of_the_controller(hardware, urdf):
-    system = ElementTree.parse(BRINGUP / f"panda_{hardware}.ros2_control.xml").getroot()
+@pytest.mark.parametrize(
+    "path", [BRINGUP / "panda_simulated.ros2_control.xml", ROOT / "config" / "ros2_control" / "panda_mock.xml"]
+)
+def test_hardware_of_the_example_has_the_interfaces_of_the_controller(path, urdf):
+    system = ElementTree.parse(path).getroot()
     limits = {joint.get("name"): joint.find("limit") for joint in urdf.iter("joint") if joint.get("type") == "revolute"}
     assert [joint.get("name") for joint in system.iter("joint")] == list(limits)
     for joint in system.iter("joint"):

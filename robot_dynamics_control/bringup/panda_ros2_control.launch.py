@@ -22,10 +22,13 @@ if TYPE_CHECKING:
 
 def describe_robot(hardware: str) -> str:
     """Return the URDF of the robot with the tags of its hardware."""
-    urdf = Path(get_package_share_directory("robot_dynamics"), "config", "robots", "panda.urdf").read_text()
-    folder = Path(get_package_share_directory("robot_dynamics_control"), "bringup")
-    tags = (folder / f"panda_{hardware}.ros2_control.xml").read_text()
-    return urdf.replace("</robot>", f"{tags}</robot>")
+    config = Path(get_package_share_directory("robot_dynamics"), "config")
+    simulated = Path(
+        get_package_share_directory("robot_dynamics_control"), "bringup", "panda_simulated.ros2_control.xml"
+    )
+    tags = simulated if hardware == "simulated" else config / "ros2_control" / "panda_mock.xml"
+    text = tags.read_text().removeprefix('<?xml version="1.0"?>')
+    return (config / "robots" / "panda.urdf").read_text().replace("</robot>", f"{text}</robot>")
 
 
 def nodes(context: LaunchContext) -> list[Node]:

@@ -51,8 +51,10 @@ def shipped(name: str) -> Path:
 
 def robot_description(urdf: Path, hardware: str) -> str:
     """Return the URDF with the tags of "simulated" or "mock" hardware."""
-    tags = shipped(f"panda_{hardware}.ros2_control.xml").read_text()
-    return urdf.read_text().replace("</robot>", f"{tags}</robot>")
+    simulated = shipped("panda_simulated.ros2_control.xml")
+    tags = simulated if hardware == "simulated" else urdf.parents[1] / "ros2_control" / "panda_mock.xml"
+    text = tags.read_text().removeprefix('<?xml version="1.0"?>')
+    return urdf.read_text().replace("</robot>", f"{text}</robot>")
 
 
 class Bench:

@@ -291,7 +291,7 @@ def hold_mock(bench: Bench) -> str:
         from robot_dynamics import Dynamics, load_robot
     except ImportError:
         return f"efforts {efforts.round(2).tolist()} N m; robot_dynamics is not importable, so they are not compared"
-    gravity = Dynamics(load_robot("panda")).gravity(START)
+    gravity = Dynamics(load_robot("panda")).gravity(recorded["position"][-1])
     difference = float(np.abs(efforts - gravity).max())
     expect(difference < 1e-9, f"the efforts differ from gravity by {difference:.2e} N m")
     return f"equal to gravity of the library to {difference:.0e} N m"
