@@ -12,6 +12,7 @@ from robot_dynamics.nodes.contact_monitor import parameters as contact_monitor
 from robot_dynamics.nodes.dynamics_server import parameters as dynamics_server
 from robot_dynamics.nodes.joint_state_completer import parameters as joint_state_completer
 from robot_dynamics.nodes.mobile_base_simulator import parameters as mobile_base_simulator
+from robot_dynamics.nodes.payload_identifier import parameters as payload_identifier
 from robot_dynamics.nodes.replay_check import parameters as replay_check
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ NODES: dict[str, ParameterSpecs] = {
     "computed_torque": computed_torque.PARAMETERS,
     "mobile_base_simulator": mobile_base_simulator.PARAMETERS,
     "replay_check": replay_check.PARAMETERS,
+    "payload_identifier": payload_identifier.PARAMETERS,
     "contact_monitor": contact_monitor.PARAMETERS,
     "joint_state_completer": joint_state_completer.PARAMETERS,
 }

@@ -1,5 +1,7 @@
 """The tables of parameters that the documentation shows have every parameter, with values that its node accepts."""
 
+from importlib.metadata import entry_points
+
 import pytest
 
 from robot_dynamics.nodes.parameter_tables import HEADER, NODES, main, markdown_table
@@ -11,6 +13,11 @@ def test_table_has_a_row_for_each_parameter_with_as_many_cells_as_the_header(nod
     cells = [row.replace("\\|", "").strip("|").split("|") for row in rows]
     assert [row[0].strip(" `") for row in cells] == list(NODES[node])
     assert {len(row) for row in cells} == {len(HEADER)} == {header.count("|") - 1} == {rule.count("---")}
+
+
+def test_every_node_has_a_table():
+    executables = {script.name for script in entry_points(group="console_scripts") if ".nodes." in script.value}
+    assert set(NODES) - {"all"} == executables - {"demo"}
 
 
 @pytest.mark.parametrize("node", NODES)
