@@ -112,6 +112,8 @@ class GoalExecution:
             return
         if controller.settings.mode == GRAVITY:
             self.abort(f"mode {GRAVITY} follows no reference")
+        elif controller.source is not self._source and controller.collision != "none":
+            self.abort(f"a collision was reported, and the reaction is {controller.collision}")
         elif controller.no_reference_reason:
             self.abort(controller.no_reference_reason)
         elif controller.source is not self._source:

@@ -154,3 +154,16 @@ def test_other_reference_and_other_mode_end_a_goal_but_not_the_reference():
     controller.apply(make_controller(mode="gravity_compensation").settings)
     execution.check_reference(controller)
     assert "mode gravity_compensation" in execution.outcome.reason
+
+
+@pytest.mark.parametrize("reaction", ["hold", "gravity_compensation"])
+def test_reaction_to_a_collision_ends_a_goal_and_is_named(reaction):
+    controller = make_controller()
+    execution = begin(controller)
+    follow(controller, execution, 0.4)
+    controller.react_to_collision(0.4, reaction)
+    reference = controller.source
+    execution.check_reference(controller)
+    assert execution.outcome.state == "aborted"
+    assert execution.outcome.reason == f"a collision was reported, and the reaction is {reaction}"
+    assert controller.source is reference
