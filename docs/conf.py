@@ -30,7 +30,8 @@ exclude_patterns = ["extensions"]
 nitpicky = True
 nitpick_ignore = [
     # types of other packages: a build without a network cannot link to their documentation
-    *(("py:class", name) for name in ("Path", "pathlib.Path", "rclpy.context.Context")),
+    *(("py:class", name) for name in ("Path", "pathlib.Path", "Context", "rclpy.context.Context")),
+    *(("py:class", name) for name in ("Node", "rclpy.node.Node")),
     *(("py:class", f"collections.abc.{name}") for name in ("Callable", "Iterable", "Mapping", "Sequence")),
     ("py:class", "concurrent.futures._base.Executor"),
     ("py:class", "rcl_interfaces.msg._set_parameters_result.SetParametersResult"),
