@@ -147,13 +147,13 @@ def test_node_without_ros_ends_with_one_line(core, tmp_path, name, extra):
     assert done.returncode == 1 and line.startswith(name) and f"robot_dynamics[{extra}]" in line, done
 
 
-def test_size_is_below_330_megabytes(core):
+def test_size_is_below_340_megabytes(core):
     """Files of all packages with their bytecode, without pip, in 2**20 bytes."""
     packages = next(core.folder.glob("lib/python3*/site-packages"))
     sizes = {path: path.stat().st_size for path in packages.rglob("*") if path.is_file() and not path.is_symlink()}
     size = sum(size for path, size in sizes.items() if not path.relative_to(packages).parts[0].startswith("pip"))
     print(f"core: {size / 2**20:.0f} MB")
-    assert 100 < size / 2**20 < 330
+    assert 100 < size / 2**20 < 340
 
 
 def test_extras_do_their_tasks(everything, tmp_path):
