@@ -11,7 +11,8 @@ from player import POINT_RESULTS, Script, Sent
 
 from robot_dynamics import Dynamics, Inertia, InvalidInputError, load_robot
 from robot_dynamics.control.control_law import ControlLaw
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.modes import FIXED_MODEL_MODES, NO_REFERENCE_ACTIONS
 from robot_dynamics.control.transit import TransitTimes
 from robot_dynamics.model.inertia import symmetric_entries

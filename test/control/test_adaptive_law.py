@@ -12,7 +12,8 @@ from peers.real_robots import ROBOTS
 from robot_dynamics import Dynamics, InvalidInputError, load_robot, shipped_robots
 from robot_dynamics.control.adaptive_law import AdaptiveLaw
 from robot_dynamics.control.control_law import ControlLaw
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.natural_adaptation import AdaptationLimits, AdaptationSettings
 
 PANDA = shipped_robots()["panda"].read_text()

@@ -11,7 +11,8 @@ from peers.mujoco_plant import HOME, motion
 
 from robot_dynamics import Dynamics, load_robot, shipped_robots
 from robot_dynamics.control.control_law import ControlLaw
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.natural_adaptation import AdaptationLimits, AdaptationSettings
 
 STEP = 1e-3  # [s]

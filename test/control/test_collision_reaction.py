@@ -5,7 +5,8 @@ import pytest
 
 from robot_dynamics import Dynamics, InvalidInputError, load_robot
 from robot_dynamics.control.control_law import ControlLaw
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.path_history import PathHistory
 
 MS = 1e-3

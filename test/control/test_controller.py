@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from robot_dynamics import Dynamics, Inertia, InvalidInputError, load_robot
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.modes import MODES
 from robot_dynamics.control.natural_adaptation import AdaptationLimits
 

@@ -5,7 +5,8 @@ import pytest
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.control.control_law import ControlLaw, actuated_joint_names
-from robot_dynamics.control.controller import Controller, Settings
+from robot_dynamics.control.controller import Controller
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.sending import send_in_time
 
 DYNAMICS = Dynamics(load_robot("panda"), compiled=False)

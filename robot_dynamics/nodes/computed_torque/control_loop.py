@@ -29,7 +29,7 @@ from robot_dynamics.nodes.guarded_callbacks import failure_reason
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, ByteArray
     from robot_dynamics.control.control_law import ControlLaw
-    from robot_dynamics.control.controller import Settings
+    from robot_dynamics.control.controller_settings import Settings
     from robot_dynamics.control.reference import Trajectory
     from robot_dynamics.nodes.computed_torque.control_statistics import ControlStatistics
     from robot_dynamics.nodes.computed_torque.message_times import MessageTimes

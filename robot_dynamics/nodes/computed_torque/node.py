@@ -64,7 +64,7 @@ except ImportError:  # an optional package
     FollowJointTrajectory = None
 
 if TYPE_CHECKING:
-    from robot_dynamics.control.controller import Settings
+    from robot_dynamics.control.controller_settings import Settings
     from robot_dynamics.control.goal_tolerances import GoalTolerances
     from robot_dynamics.dynamics import Dynamics
     from robot_dynamics.nodes.diagnostics import Level, Values

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.control.controller import Settings
+from robot_dynamics.control.controller_settings import Settings
 from robot_dynamics.control.goal_tolerances import GoalTolerances
 from robot_dynamics.control.modes import (
     ADAPTIVE,
