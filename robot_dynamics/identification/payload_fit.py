@@ -1,8 +1,9 @@
 """Fit of a payload: mass, centre of mass and inertia of what a link carries, with standard deviations.
 
-The ten parameters are those about a point, the estimated centre of mass, in units of what a body of this mass may have.
-Directions that the recordings do not show better than that keep zero there: a point mass at the centre. As the centre
-is an estimate itself, the fit is repeated until it does not move. The estimate is then replaced by the physically
+The ten parameters are those about a point, the estimated centre of mass, in units of what a body of this mass may
+have. Directions that the recordings do not show better than that keep zero there: a point mass at the centre. As the
+centre is an estimate itself, the fit is repeated until it does not move. Along axes on which the recordings do not
+determine the centre, the point has the coordinate of the origin. The estimate is then replaced by the physically
 consistent parameters that are nearest to it, in units of its uncertainty.
 
 The uncertainty has three parts: the scatter between seconds of motion; the scatter between joints, whose gains and
@@ -60,6 +61,7 @@ if TYPE_CHECKING:
 
 MAX_ITERATIONS = 10  # of the point about which parameters are fitted
 CENTRE_TOLERANCE = 1e-4  # [m]
+SCALE_TOLERANCE = 0.05  # relative, of the mass in units of which parameters are fitted
 FIRST_MASS = 1000.0  # [kg] scale of the mass in the first iteration
 RADIUS_OF_GYRATION = 0.1  # [m] scale of inertias about the centre of mass
 MIN_VARIANCE_RATIO = 1e-14  # of variances of scaled parameters: smaller ones are rounding errors
@@ -173,19 +175,17 @@ def _fit_samples(samples: Samples[PayloadModel], empty_quality: FitQuality, effo
     factors, share = require_enough_samples(sums)
     assert sums.blocks is not None  # `require_enough_samples` refuses samples without blocks
     centre = np.zeros(3)
-    mass = FIRST_MASS
+    scale = FIRST_MASS
     for _ in range(MAX_ITERATIONS):
-        solution, covariance = _solve(model, sums, factors, share, centre, mass)
-        payload = to_inertia(solution.values[:PAYLOAD_COUNT])
-        mass = max(abs(payload.mass), MIN_MASS)
-        previous = centre
-        centre = payload.first_moments / np.copysign(mass, payload.mass)
-        if np.abs(centre - previous).max() < CENTRE_TOLERANCE:
+        solution, covariance = _solve(model, sums, factors, share, centre, scale)
+        previous = centre, scale
+        centre, scale = _next_scales(to_inertia(solution.values[:PAYLOAD_COUNT]), covariance, centre)
+        if np.abs(centre - previous[0]).max() < CENTRE_TOLERANCE and abs(scale / previous[1] - 1) < SCALE_TOLERANCE:
             break
     estimate = solution.values[:PAYLOAD_COUNT]
-    seen_values, covariance = _keep_seen_directions(estimate, covariance, centre, mass)
+    seen_values, covariance = _keep_seen_directions(estimate, covariance, centre, scale)
     values = solution.values.copy()
-    values[:PAYLOAD_COUNT] = _consistent(seen_values, covariance, mass)
+    values[:PAYLOAD_COUNT] = _consistent(seen_values, covariance, scale)
     warnings = (*block_warnings(sums.blocks), *_consistency_warnings(seen_values, values, covariance))
     covariance = covariance + effort_accuracy**2 * np.outer(values[:PAYLOAD_COUNT], values[:PAYLOAD_COUNT])
     inertia = to_inertia(values[:PAYLOAD_COUNT])
@@ -276,6 +276,23 @@ def _other_root(model: PayloadModel, efforts: Array) -> Array:
     if model.empty_recordings:
         return build_description_prior(model.model, levels).root
     return np.diag(np.tile(levels, 3))
+
+
+def _next_scales(payload: Inertia, covariance: Array, centre: Array) -> tuple[Array, float]:
+    """The centre of mass (3,) and the mass [kg] about which and in units of which the next iteration fits.
+
+    payload, covariance (10, 10): estimates about a centre (3,). The centre moves along the axes along which it is
+    determined. Along others a heavy body that is near needs the efforts of a light one that is far, and it is zero.
+    """
+    moments_about_centre = payload.first_moments - payload.mass * centre
+    mass = float(np.hypot(payload.mass, np.linalg.norm(moments_about_centre) / CHARACTERISTIC_LENGTH))
+    mass = max(mass, MIN_MASS)
+    _, covariance = _keep_seen_directions(np.zeros(PAYLOAD_COUNT), covariance, centre, mass)
+    to_centre = np.linalg.inv(parameter_transformation(placement(translation=centre)))
+    of_moments = (to_centre @ covariance @ to_centre.T)[6:9, 6:9]
+    variances, axes = np.linalg.eigh(of_moments / (mass * CHARACTERISTIC_LENGTH) ** 2)
+    axes = axes[:, variances < MAX_DEVIATION_OF_SEEN**2]
+    return axes @ (axes.T @ payload.first_moments) / np.copysign(mass, payload.mass), mass
 
 
 def _keep_seen_directions(values: Array, covariance: Array, centre: Array, mass: float) -> tuple[Array, Array]:
