@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robot_dynamics.codegen.emit.control_model import ControlLoops, ControlModel, StateJoint
+from robot_dynamics.codegen.emit.control_model import ControlLoops, ControlModel, ControlSpring, StateJoint
 from robot_dynamics.codegen.jit.compiled_models import MODELS
 from robot_dynamics.constraints.topology import build_topology
 from robot_dynamics.control.law_models import separate_friction
@@ -16,7 +16,10 @@ from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.version import package_version
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from robot_dynamics.codegen.trace.program import Program
+    from robot_dynamics.control.series_elastic_actuators import SeriesElasticActuators
     from robot_dynamics.model.robot import Robot
 
 MOVES_NO_LOOP, MOVES_LOOPS, MOVES_LOOPS_PERIODICALLY = range(3)
@@ -39,18 +42,19 @@ def export_control_model(robot: Robot, payload_frame: str | None = None) -> Cont
     Raises
     ------
     InvalidInputError
-        No joint has a motor, a motor drives its link through a spring, or a number of the description is open.
+        No joint has a motor, a robot with loops has a spring behind a motor, a spring cannot be compensated, or a
+        number of the description is open.
     """
     dynamics = Dynamics(robot)
     actuated = [name for name in dynamics.joint_names if name not in dynamics.unactuated_joint_names]
     if not actuated:
         raise InvalidInputError(f"{robot.name!r} has no actuated joint: there is nothing to control")
     actuators = find_series_elastic_actuators(dynamics, actuated)
-    if len(actuators.springs):
+    if len(actuators.springs) and robot.loops:
         springs = ", ".join(dynamics.joint_names[index] for index in actuators.springs)
         raise InvalidInputError(
-            f"motors of {robot.name!r} drive their links through springs ({springs}): the control laws in C++ do not "
-            "compensate springs. Use the node computed_torque, or describe the joints without springs"
+            f"{robot.name!r} has closed loops, and motors that drive their links through springs ({springs}): the "
+            "control laws in C++ take one of both. Use the node computed_torque, or describe the joints without springs"
         )
     inverse_robot, friction_robot = separate_friction(dynamics, actuators)
     if payload_frame is None:
@@ -68,6 +72,8 @@ def export_control_model(robot: Robot, payload_frame: str | None = None) -> Cont
         inverse=inverse,
         friction=friction,
         loops=_control_loops(robot, dynamics) if robot.loops else None,
+        springs=_control_springs(dynamics, actuated, actuators),
+        springs_are_decoupled=actuators.is_decoupled,
         gravity=np.asarray(robot.gravity, dtype=float),
         payload_frame=payload_frame,
         moving_base=robot.moving_base,
@@ -96,6 +102,18 @@ def state_joints(dynamics: Dynamics) -> list[StateJoint]:
             )
         )
     return joints
+
+
+def _control_springs(
+    dynamics: Dynamics, actuated: Sequence[str], actuators: SeriesElasticActuators
+) -> list[ControlSpring]:
+    """The springs behind motors; motors of `actuators` count among the actuated joints."""
+    springs = []
+    numbers = zip(actuators.stiffness, actuators.rest, actuators.damping, strict=True)
+    for motor, joint, values in zip(actuators.motors, actuators.springs, numbers, strict=True):
+        motor_joint = dynamics.joint_names.index(actuated[motor])
+        springs.append(ControlSpring(motor_joint, int(joint), *map(float, values)))
+    return springs
 
 
 def _control_loops(robot: Robot, dynamics: Dynamics) -> ControlLoops:

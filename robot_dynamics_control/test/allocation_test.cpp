@@ -9,7 +9,9 @@
 #include "counted_allocations.hpp"
 #include "four_bar_control_model.h"
 #include "loaded_panda_control_model.h"
+#include "manutec_r3_control_model.h"
 #include "robot_dynamics_control/law.hpp"
+#include "slow_springs_control_model.h"
 
 using namespace robot_dynamics_control;
 
@@ -61,9 +63,11 @@ void check_robot(const robot_dynamics_model* table)
 {
     Model model;
     CHECK(model.bind(table).empty());
+    ControlLaw joints;
+    CHECK(joints.configure(model).empty());
     Law law;
     Settings settings;
-    settings.limits.assign(model.joint_count(), 100.0);
+    settings.limits.assign(joints.size(), 100.0);
     CHECK(law.configure(model, {}, settings).empty());
     settings = law.settings();
     law.control_law().q()[0] = 1.2;
@@ -86,5 +90,7 @@ int main()
     CHECK(allocations == 2); // the counter works
     check_robot(loaded_panda_control_model());
     check_robot(four_bar_control_model());
+    check_robot(manutec_r3_control_model());
+    check_robot(slow_springs_control_model());
     return report();
 }

@@ -38,7 +38,7 @@ void models()
     CHECK(contains(model.bind(nullptr), "null pointer"));
     robot_dynamics_model other = *panda_control_model();
     other.abi = 99;
-    CHECK(contains(model.bind(&other), "has version 99 of the interface, this program needs 1"));
+    CHECK(contains(model.bind(&other), "has version 99 of the interface, this program needs 2"));
     other.abi = ROBOT_DYNAMICS_MODEL_ABI;
     other.size = 8;
     CHECK(!model.bind(&other).empty() && !model.is_bound());

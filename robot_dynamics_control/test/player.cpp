@@ -2,6 +2,7 @@
 // standard output. Tests compare them with those of the Python controller. The argument is the model.
 
 #include <cstdio>
+#include <cstdlib>
 #include <iostream>
 #include <sstream>
 #include <string>
@@ -42,7 +43,7 @@ private:
     {
         std::vector<double> numbers;
         for (std::string word; line >> word;) {
-            numbers.push_back(std::stod(word)); // reads nan and inf too
+            numbers.push_back(std::strtod(word.c_str(), nullptr)); // reads nan, inf and the smallest numbers
         }
         return numbers;
     }

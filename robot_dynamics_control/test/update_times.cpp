@@ -1,4 +1,4 @@
-// Times of updates: the median and the longest of many, for the Panda and for robots with loops. The longest one is
+// Times of updates: the median and the longest of many, for the Panda, a robot with loops and one with springs. The longest one is
 // that of the machine: of its interrupts and other processes.
 
 #include <algorithm>
@@ -10,6 +10,7 @@
 
 #include "four_bar_control_model.h"
 #include "loaded_panda_control_model.h"
+#include "manutec_r3_control_model.h"
 #include "panda_control_model.h"
 #include "robot_dynamics_control/law.hpp"
 
@@ -24,9 +25,10 @@ void measure(const char* name, const robot_dynamics_model* table, Mode mode, con
     Law law;
     Settings settings;
     settings.mode = mode;
-    settings.kp.assign(model.bind(table).empty() ? model.joint_count() : 0, 100.0);
-    settings.kd.assign(model.joint_count(), 20.0);
-    const std::string error = law.configure(model, {}, settings);
+    std::string error = model.bind(table);
+    settings.kp.assign(posture.size(), 100.0);
+    settings.kd.assign(posture.size(), 20.0);
+    error = error.empty() ? law.configure(model, {}, settings) : error;
     if (!error.empty()) {
         std::printf("%s: %s\n", name, error.c_str());
         std::exit(1);
@@ -40,8 +42,9 @@ void measure(const char* name, const robot_dynamics_model* table, Mode mode, con
         for (std::size_t i = 0; i < size; ++i) {
             const double swing = 0.1 * std::sin(now + static_cast<double>(i));
             point[i] = posture[i] + swing;
-            law.control_law().q()[i] = posture[i] + 0.99 * swing;
-            law.control_law().qd()[i] = 0.1 * std::cos(now + static_cast<double>(i));
+            const std::size_t joint = law.control_law().joint_index(i);
+            law.control_law().q()[joint] = posture[i] + 0.99 * swing;
+            law.control_law().qd()[joint] = 0.1 * std::cos(now + static_cast<double>(i));
         }
         const auto begin = std::chrono::steady_clock::now();
         law.track_point(now, now, {{point.data(), size}, {point.data() + size, size}, {point.data() + 2 * size, size}});
@@ -65,5 +68,6 @@ int main(int count, char** arguments)
     }
     measure("with payload", loaded_panda_control_model(), Mode::computed_torque, arm, updates);
     measure("four_bar", four_bar_control_model(), Mode::computed_torque, {1.0}, updates);
+    measure("manutec_r3", manutec_r3_control_model(), Mode::computed_torque, std::vector<double>(6, 0.5), updates);
     return 0;
 }

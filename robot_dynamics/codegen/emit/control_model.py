@@ -120,6 +120,24 @@ class ControlLoops:
     positions: Sequence[tuple[str, int, float, float]]
 
 
+@dataclass(frozen=True)
+class ControlSpring:
+    """A spring between a motor and its link, as robot_dynamics_spring has it.
+
+    Attributes
+    ----------
+    motor, joint : int
+        Indices of the joints of motor and spring.
+    stiffness, rest, damping : float
+    """
+
+    motor: int
+    joint: int
+    stiffness: float
+    rest: float
+    damping: float
+
+
 @dataclass(frozen=True, eq=False)
 class ControlModel:
     """The model of a robot for control laws, as robot_dynamics_model has it.
@@ -132,6 +150,9 @@ class ControlModel:
     inverse : Program
     friction : Program or None
     loops : ControlLoops or None
+    springs : sequence of ControlSpring
+    springs_are_decoupled : bool
+        Whether the torques that springs transmit do not depend on their deflections.
     gravity : array_like, shape (3,)
     payload_frame : str or None
         Frame of the payload that is an argument of `inverse`.
@@ -144,6 +165,8 @@ class ControlModel:
     inverse: Program
     friction: Program | None
     loops: ControlLoops | None
+    springs: Sequence[ControlSpring]
+    springs_are_decoupled: bool
     gravity: ArrayLike
     payload_frame: str | None
     moving_base: bool
@@ -191,6 +214,8 @@ def control_model_source(model: ControlModel, prefix: str = "") -> tuple[str, st
     parts.append(_joints(model.joints))
     if model.loops is not None:
         parts += _loops(model.loops)
+    if model.springs:
+        parts += _springs(model)
     parts += [_model(model), FOOTER.format(prefix=prefix)]
     return header, "\n\n".join(parts)
 
@@ -257,6 +282,16 @@ def _loops(loops: ControlLoops) -> list[str]:
     return [*parts, _struct("robot_dynamics_loops", "loops", fields)]
 
 
+def _springs(model: ControlModel) -> list[str]:
+    """The tables of the springs."""
+    rows = []
+    for spring in model.springs:
+        numbers = map(c_literal, (spring.stiffness, spring.rest, spring.damping))
+        rows.append(f"{{{_list((spring.motor, spring.joint, *numbers))}}}")
+    fields = {"count": len(rows), "decoupled": int(model.springs_are_decoupled), "springs": "spring_rows"}
+    return [_array("robot_dynamics_spring", "spring_rows", rows), _struct("robot_dynamics_springs", "springs", fields)]
+
+
 def _model(model: ControlModel) -> str:
     has_payload = model.payload_frame is not None
     fields = {
@@ -272,6 +307,7 @@ def _model(model: ControlModel) -> str:
         "gravity": f"{{{_list(map(c_literal, model.gravity))}}}",  # type: ignore[arg-type]
         "joints": "joints",
         "loops": "NULL" if model.loops is None else "&loops",
+        "springs": "&springs" if model.springs else "NULL",
         "inverse": "evaluate_inverse",
         "friction": "NULL" if model.friction is None else "evaluate_friction",
     }

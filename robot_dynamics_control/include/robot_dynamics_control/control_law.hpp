@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "robot_dynamics_control/array_view.hpp"
+#include "robot_dynamics_control/deflection_solver.hpp"
 #include "robot_dynamics_control/loop_closure.hpp"
 #include "robot_dynamics_control/model.hpp"
 #include "robot_dynamics_control/modes.hpp"
@@ -29,6 +30,10 @@ namespace robot_dynamics_control {
 ///
 /// q̇_f is the velocity of the reference, or the measured one. Friction that depends on the load of a joint has the
 /// effort ID of that joint as its load. Joints that are not controlled do not accelerate; unactuated ones move freely.
+///
+/// Where a motor drives its link through a spring, references are those of the link, and q_d is the position of the
+/// motor that `sample_reference` finds. Springs then accelerate in ID as in the reference. Their positions and
+/// velocities need not be measured: where nobody writes into their buffers, they are those of the reference.
 ///
 /// After `configure` nothing allocates, locks or throws. One thread at a time may use an object. The laws write the
 /// efforts of the controlled joints, and return false where the loops of the robot do not close.
@@ -83,9 +88,32 @@ public:
     Numbers error() const noexcept { return error_; }
     Numbers rate_error() const noexcept { return rate_error_; }
 
-    /// Forget the assembly mode of the loops: the next state is closed from the reference positions of the model.
+    /// Whether a joint of the state is a spring behind a motor, which need not be measured.
+    bool is_spring(std::size_t joint) const noexcept { return deflections_.is_spring(joint); }
+
+    /// Sample a reference of the links at a time [s] as one of the controlled joints.
+    ///
+    /// Returns false where springs are too soft for the bodies between them and their motors.
+    bool sample_reference(const ReferencePoint& source, double time, MutableNumbers positions,
+        MutableNumbers velocities, MutableNumbers accelerations) noexcept
+    {
+        if (!deflections_.has_springs()) {
+            source.sample(time, positions, velocities, accelerations);
+            return true;
+        }
+        const auto evaluate = [this](const std::vector<double>& q, const std::vector<double>& qd,
+                                  const std::vector<double>& qdd, std::vector<double>& efforts) {
+            model_.inverse(
+                q.data(), qd.data(), qdd.data(), twist_.data(), gravity_.data(), payload_.data(), efforts.data());
+        };
+        return deflections_.compute_motor_reference(
+            source, time, q_, qd_, evaluate, positions, velocities, accelerations);
+    }
+
+    /// Forget the past: the next state is closed from the reference positions of the loops, and dampers remember nothing.
     void forget_positions() noexcept
     {
+        deflections_.forget();
         LoopClosure::forget(measured_);
         LoopClosure::forget(desired_);
     }
@@ -120,7 +148,10 @@ public:
         for (std::size_t i = 0; i < size(); ++i) {
             reference_q_[indices_[i]] = reference.positions[i];
         }
-        set_accelerations([&](std::size_t i) { return reference.accelerations[i]; });
+        for (std::size_t spring = 0; spring < deflections_.size(); ++spring) {
+            reference_q_[deflections_.joint(spring)] = deflections_.positions()[spring];
+        }
+        set_accelerations([&](std::size_t i) { return reference.accelerations[i]; }, true);
         const double* positions = reference_positions();
         if (!inverse(positions, reference_velocities_, out)) {
             return false;
@@ -134,15 +165,20 @@ public:
     {
         compute_errors(reference);
         set_reference_velocities(reference);
-        set_accelerations([&](std::size_t i) {
-            return reference.accelerations[i] + kp[i] * error_[i] + kd[i] * rate_error_[i];
-        });
-        const double* positions = measured_positions();
-        if (!inverse(positions, qd_, out)) {
+        set_accelerations(
+            [&](std::size_t i) { return reference.accelerations[i] + kp[i] * error_[i] + kd[i] * rate_error_[i]; },
+            true);
+        const bool has_springs = deflections_.has_springs();
+        if (has_springs) {
+            complete_state_with_springs();
+        }
+        const std::vector<double>& velocities = has_springs ? completed_qd_ : qd_;
+        const double* positions = has_springs ? completed_q_.data() : measured_positions();
+        if (!inverse(positions, velocities, out)) {
             return false;
         }
         const bool is_measured = friction_velocity == FrictionVelocity::measured;
-        add_friction(positions, is_measured ? qd_ : reference_velocities_, out);
+        add_friction(positions, is_measured ? velocities : reference_velocities_, out);
         return true;
     }
 
@@ -169,6 +205,14 @@ private:
             }
             indices.push_back(index);
         }
+        const robot_dynamics_springs* springs = model.table().springs;
+        for (std::size_t number = 0; springs != nullptr && number < springs->count; ++number) {
+            const robot_dynamics_spring& spring = springs->springs[number];
+            if (std::find(indices.begin(), indices.end(), spring.motor) == indices.end()) {
+                return std::string("joint '") + model.joint(spring.motor).name + "' drives its link through the spring '"
+                    + model.joint(spring.joint).name + "': add it to the joints that get efforts";
+            }
+        }
         return indices.empty() ? "'" + model.robot() + "' has no actuated joint: there is nothing to control" : "";
     }
 
@@ -184,8 +228,13 @@ private:
     void allocate()
     {
         const std::size_t joints = model_.joint_count();
-        for (auto* values : {&q_, &qd_, &rest_, &reference_q_, &reference_velocities_, &accelerations_, &efforts_}) {
+        for (auto* values : {&q_, &qd_, &rest_, &reference_q_, &reference_velocities_, &accelerations_, &efforts_,
+                 &completed_q_, &completed_qd_}) {
             values->assign(joints, 0.0);
+        }
+        deflections_.configure(model_, indices_);
+        for (std::size_t spring = 0; spring < deflections_.size(); ++spring) {
+            q_[deflections_.joint(spring)] = deflections_.unmeasured_position(spring);
         }
         for (auto* values : {&error_, &rate_error_}) {
             values->assign(size(), 0.0);
@@ -220,11 +269,30 @@ private:
         }
     }
 
+    /// Set the accelerations of the controlled joints, and of springs, which may accelerate as in the reference.
     template <typename Function>
-    void set_accelerations(Function acceleration) noexcept
+    void set_accelerations(Function acceleration, bool springs_accelerate = false) noexcept
     {
         for (std::size_t i = 0; i < size(); ++i) {
             accelerations_[indices_[i]] = acceleration(i);
+        }
+        for (std::size_t spring = 0; spring < deflections_.size(); ++spring) {
+            accelerations_[deflections_.joint(spring)]
+                = springs_accelerate ? deflections_.accelerations()[spring] : 0.0;
+        }
+    }
+
+    /// The state with springs that are not measured as in the reference.
+    void complete_state_with_springs() noexcept
+    {
+        completed_q_ = q_;
+        completed_qd_ = qd_;
+        for (std::size_t spring = 0; spring < deflections_.size(); ++spring) {
+            const std::size_t joint = deflections_.joint(spring);
+            if (q_[joint] == deflections_.unmeasured_position(spring)) {
+                completed_q_[joint] = deflections_.positions()[spring];
+                completed_qd_[joint] = deflections_.velocities()[spring];
+            }
         }
     }
 
@@ -232,6 +300,9 @@ private:
     {
         for (std::size_t i = 0; i < size(); ++i) {
             reference_velocities_[indices_[i]] = reference.velocities[i];
+        }
+        for (std::size_t spring = 0; spring < deflections_.size(); ++spring) {
+            reference_velocities_[deflections_.joint(spring)] = deflections_.velocities()[spring];
         }
     }
 
@@ -285,6 +356,7 @@ private:
 
     Model model_;
     LoopClosure closure_;
+    DeflectionSolver deflections_;
     std::vector<std::size_t> indices_;
     std::vector<double> q_;
     std::vector<double> qd_;
@@ -297,6 +369,8 @@ private:
     std::vector<double> rest_;
     std::vector<double> reference_q_;
     std::vector<double> reference_velocities_;
+    std::vector<double> completed_q_;
+    std::vector<double> completed_qd_;
     std::vector<double> accelerations_;
     std::vector<double> efforts_;
     std::vector<double> error_;

@@ -310,6 +310,10 @@ private:
             return decay_to_zero(now);
         }
         const Activity activity = choose_activity(time);
+        if (follows_reference(activity)
+            && !law_.sample_reference(point_, time, positions_, velocities_, accelerations_)) {
+            return fail(now, "the springs behind the motors are too soft for the bodies between both");
+        }
         if (!apply_law(activity)) {
             return fail(now, "the loops of the robot do not close in this state, or are singular");
         }
@@ -350,7 +354,14 @@ private:
         }
     }
 
-    /// What the efforts follow at a time of the state; samples the reference where they follow it.
+    /// Whether efforts that follow something follow the reference.
+    static bool follows_reference(Activity activity) noexcept
+    {
+        return activity == Activity::feedforward || activity == Activity::pd_gravity
+            || activity == Activity::computed_torque;
+    }
+
+    /// What the efforts follow at a time of the state.
     Activity choose_activity(double time) noexcept
     {
         if (settings_.mode == Mode::gravity_compensation) {
@@ -366,7 +377,6 @@ private:
             case NoReferenceAction::zero: return Activity::no_reference_zero;
             }
         }
-        point_.sample(time, positions_, velocities_, accelerations_);
         switch (settings_.mode) {
         case Mode::feedforward: return Activity::feedforward;
         case Mode::pd_gravity: return Activity::pd_gravity;

@@ -49,6 +49,7 @@ public:
     const robot_dynamics_joint& joint(std::size_t index) const noexcept { return model_->joints[index]; }
 
     bool has_loops() const noexcept { return model_->loops != nullptr; }
+    bool has_springs() const noexcept { return model_->springs != nullptr; }
     bool has_moving_base() const noexcept { return model_->moving_base != 0; }
     bool has_payload() const noexcept { return model_->payload_size != 0; }
 

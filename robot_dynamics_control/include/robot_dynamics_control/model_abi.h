@@ -17,7 +17,7 @@ extern "C" {
 #endif
 
 /* Version of the structs below. It changes where a program that was compiled with others must not use them. */
-#define ROBOT_DYNAMICS_MODEL_ABI 1u
+#define ROBOT_DYNAMICS_MODEL_ABI 2u
 
 /* Name of the function that a shared object exports; its type is robot_dynamics_model_function. */
 #define ROBOT_DYNAMICS_MODEL_SYMBOL "robot_dynamics_control_model"
@@ -74,6 +74,21 @@ typedef struct robot_dynamics_loops {
                  double *matrix);
 } robot_dynamics_loops;
 
+/* A spring with a damper between a motor and its link, on one axis. For `inverse` the spring is a motor too. */
+typedef struct robot_dynamics_spring {
+    uint32_t motor;   /* index of the joint of the motor */
+    uint32_t joint;   /* index of the joint of the spring: its position is that of the link relative to the motor */
+    double stiffness; /* [N m/rad or N/m] */
+    double rest;      /* position without load [rad or m] */
+    double damping;   /* [N m s/rad or N s/m] */
+} robot_dynamics_spring;
+
+typedef struct robot_dynamics_springs {
+    uint32_t count;
+    uint32_t decoupled; /* 1: the torques that the springs transmit do not depend on their deflections */
+    const robot_dynamics_spring *springs;
+} robot_dynamics_springs;
+
 /* The model of a robot. joint_count numbers each: qd, qdd, efforts. position_count numbers: q. */
 typedef struct robot_dynamics_model {
     uint32_t abi;            /* ROBOT_DYNAMICS_MODEL_ABI */
@@ -88,6 +103,7 @@ typedef struct robot_dynamics_model {
     double gravity[3];       /* of the description, in the base frame [m/s^2] */
     const robot_dynamics_joint *joints;
     const robot_dynamics_loops *loops; /* NULL: none */
+    const robot_dynamics_springs *springs; /* NULL: none */
     /* efforts of a motion, without the friction of joints with motors and of joints of loops */
     void (*inverse)(const double *q, const double *qd, const double *qdd, const double *twist, const double *gravity,
                     const double *payload, double *efforts);

@@ -39,6 +39,9 @@ public:
         std::copy(point.accelerations.begin(), point.accelerations.end(), accelerations_.begin());
     }
 
+    /// Time of the point [s].
+    double start() const noexcept { return time_; }
+
     /// Time until which the point is valid [s].
     double end() const noexcept { return end_; }
 

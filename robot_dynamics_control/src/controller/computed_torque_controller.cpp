@@ -280,7 +280,9 @@ InterfaceConfiguration ComputedTorqueController::state_interface_configuration()
     const Model& model = law_.control_law().model();
     for (const char* interface : {HW_IF_POSITION, HW_IF_VELOCITY}) {
         for (std::size_t joint = 0; model.is_bound() && joint < model.joint_count(); ++joint) {
-            configuration.names.push_back(std::string(model.joint(joint).name) + "/" + interface);
+            if (!law_.control_law().is_spring(joint)) {
+                configuration.names.push_back(std::string(model.joint(joint).name) + "/" + interface);
+            }
         }
     }
     return configuration;
@@ -394,16 +396,17 @@ bool ComputedTorqueController::read_state()
 {
     MutableNumbers q = law_.control_law().q();
     MutableNumbers qd = law_.control_law().qd();
-    const std::size_t size = q.size();
     bool is_complete = true;
-    const auto read = [&](std::size_t index, double& value) {
-        const std::optional<double> read_value = state_interfaces_[index].get_optional();
-        is_complete = is_complete && read_value.has_value();
-        value = read_value.value_or(value); // in use by another thread: the value of the last update
-    };
-    for (std::size_t joint = 0; joint < size; ++joint) {
-        read(joint, q[joint]);
-        read(size + joint, qd[joint]);
+    std::size_t index = 0;
+    for (MutableNumbers values : {q, qd}) { // in the order of state_interface_configuration
+        for (std::size_t joint = 0; joint < values.size(); ++joint) {
+            if (law_.control_law().is_spring(joint)) {
+                continue;
+            }
+            const std::optional<double> read_value = state_interfaces_[index++].get_optional();
+            is_complete = is_complete && read_value.has_value();
+            values[joint] = read_value.value_or(values[joint]); // in use by another thread: that of the last update
+        }
     }
     return is_complete;
 }

@@ -24,6 +24,9 @@ public:
         if (model.has_loops() || model.has_moving_base()) {
             return "'" + model.robot() + "' has loops or a moving base: this simulation is for trees on a fixed base";
         }
+        if (model.has_springs()) {
+            return "motors of '" + model.robot() + "' drive their links through springs: this simulation has none";
+        }
         model_ = model;
         const std::size_t n = model.joint_count();
         for (auto* values : {&q_, &qd_, &rest_, &bias_, &middle_q_, &middle_qd_, &column_, &acceleration_}) {

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from peers.elastic_3rps import elastic_3rps
 from peers.traced_models import shipped_robot
 
 from robot_dynamics import Dynamics, Inertia, InvalidInputError, load_robot
@@ -58,6 +59,20 @@ class Loops(ctypes.Structure):
     ]
 
 
+class Spring(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_uint32) for name in ("motor", "joint")),
+        *((name, ctypes.c_double) for name in ("stiffness", "rest", "damping")),
+    ]
+
+
+class Springs(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_uint32) for name in ("count", "decoupled")),
+        ("springs", ctypes.POINTER(Spring)),
+    ]
+
+
 class Model(ctypes.Structure):
     _fields_ = [
         *((name, ctypes.c_uint32) for name in ("abi", "size")),
@@ -67,6 +82,7 @@ class Model(ctypes.Structure):
         ("gravity", ctypes.c_double * 3),
         ("joints", ctypes.POINTER(Joint)),
         ("loops", ctypes.POINTER(Loops)),
+        ("springs", ctypes.POINTER(Springs)),
         ("inverse", ctypes.CFUNCTYPE(None, *[DOUBLES] * 7)),
         ("friction", ctypes.CFUNCTYPE(None, *[DOUBLES] * 3)),
     ]
@@ -99,7 +115,7 @@ def test_table_and_functions_are_those_of_the_python_law(name, tmp_path):
     model = loaded_model(robot, tmp_path, frame)
     dynamics = Dynamics(robot)
     n = len(dynamics.joint_names)
-    assert (model.abi, model.size, model.robot.decode()) == (1, ctypes.sizeof(Model), robot.name)
+    assert (model.abi, model.size, model.robot.decode()) == (2, ctypes.sizeof(Model), robot.name)
     assert (model.joint_count, model.position_count) == (n, len(dynamics.all_joint_names) if robot.loops else n)
     assert (bool(model.moving_base), model.payload_size) == (robot.moving_base, 10)
     assert model.payload_frame.decode() == frame and list(model.gravity) == list(robot.gravity)
@@ -155,6 +171,21 @@ def test_table_of_loops(name, tmp_path):
     assert np.linalg.det(outputs[4].reshape(k, k)) > 0
 
 
+def test_table_of_springs(tmp_path):
+    robot = load_robot("manutec_r3")
+    model = loaded_model(robot, tmp_path)
+    springs = model.springs.contents
+    names = [model.joints[index].name.decode() for index in range(model.joint_count)]
+    rows = [springs.springs[number] for number in range(springs.count)]
+    assert [(names[row.motor], names[row.joint]) for row in rows] == [(f"motor_{k}", f"spring_{k}") for k in (1, 2, 3)]
+    for row in rows:
+        spring = robot.joints[robot.joint_numbers[names[row.joint]]].spring
+        assert (row.stiffness, row.rest, row.damping) == (spring.stiffness, spring.rest, spring.damping)
+    assert springs.decoupled == 1 and not model.loops
+    (tmp_path / "rigid").mkdir()
+    assert not loaded_model(load_robot("panda"), tmp_path / "rigid").springs
+
+
 def test_names_cannot_leave_their_strings(tmp_path):
     name = '*/ \\ " ??/ %s \n é \u2028'
     robot = load_robot("four_bar")
@@ -166,8 +197,8 @@ def test_names_cannot_leave_their_strings(tmp_path):
 
 
 def test_what_the_laws_do_not_support_is_refused():
-    with pytest.raises(InvalidInputError, match=r"through springs \(spring_1, spring_2, spring_3\)"):
-        export_control_model(load_robot("manutec_r3"))
+    with pytest.raises(InvalidInputError, match="closed loops, and motors that drive their links through springs"):
+        export_control_model(load_robot(elastic_3rps()))
     with pytest.raises(InvalidInputError, match="no joint carries it"):
         export_control_model(load_robot("panda"), "panda_link0")
 
