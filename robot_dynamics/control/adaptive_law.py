@@ -169,6 +169,17 @@ class AdaptiveLaw:
         self.parameters.update(step, settings.gain, part * links, part * numbers)
         return True
 
+    @property
+    def constant_links(self) -> tuple[str, ...]:
+        """Names of links with inertia that is not adapted, because it is not that of a body with mass and extent."""
+        names = []
+        for link, row, is_adapted in zip(
+            self._robot.links[1:], self.parameters.links, self.parameters.is_adapted, strict=True
+        ):
+            if row.any() and not is_adapted:
+                names.append(link.name)
+        return tuple(names)
+
     def _theta(self) -> Array:
         """Parameters (p,) of the regressor, without friction."""
         table = np.zeros((len(self._fixed_rotors), COLUMNS))

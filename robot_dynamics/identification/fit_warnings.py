@@ -41,7 +41,7 @@ def block_warnings(blocks: MotionBlocks) -> Iterator[str]:
     """Warn of recordings that are too short for the scatter between blocks."""
     if len(blocks) < MIN_BLOCKS:
         yield (
-            f"{len(blocks)} seconds of different motion: the standard deviations are themselves uncertain with fewer "
+            f"{len(blocks)} s of different motion: the standard deviations are themselves uncertain with fewer "
             f"than {MIN_BLOCKS}; record more"
         )
 

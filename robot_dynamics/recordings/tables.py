@@ -31,7 +31,7 @@ FIELDS: tuple[Field, ...] = ("position", "velocity", "effort")
 TIME_COLUMNS = ("time", "t", "stamp", "timestamp")
 MAX_TIME = 9e9  # [s] whose nanoseconds have 64 bits
 SEPARATORS = {";": "semicolons", "\t": "tabs"}  # that other programs write in the place of commas
-MAX_COLUMN_NAMES = 8  # listed in one note
+MAX_COLUMN_NAMES = 8  # listed in one note or message
 MAX_PLAUSIBLE_STEP = 1.0  # [s] between rows; longer steps suggest that times have another unit
 MAX_COLUMNS = 10_000  # of a file; robots have tens of joints
 CELLS_PER_CHUNK = 1_000_000  # of each file, in memory at once
@@ -149,7 +149,12 @@ class Table:
         columns = self._column_names[None]
         joints = [name.rpartition(".")[0] for name in columns if name.endswith(".position")]
         if not joints:
-            raise RecordingError(f"{self.path} has columns {', '.join(columns)[:300]}: joint.position is needed")
+            more = len(columns) - MAX_COLUMN_NAMES
+            shown = ", ".join(columns[:MAX_COLUMN_NAMES]) + (f" and {more} more" if more > 0 else "")
+            raise RecordingError(
+                f"{self.path} has no column <joint>.position: columns time, <joint>.position and <joint>.effort are "
+                f"needed for each joint, such as elbow.position; it has {shown}"
+            )
         return tuple(dict.fromkeys(joints))
 
     def _find_columns(self, field: Field) -> list[int]:

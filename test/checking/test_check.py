@@ -218,7 +218,7 @@ def test_check_reads_csv_with_named_columns(tmp_path):
     with pytest.raises(RecordingError, match="first line has no column names"):
         checked(tmp_path / "bare.csv")
     (tmp_path / "other.csv").write_text("time,a,b\n0,1,2\n")
-    with pytest.raises(RecordingError, match=r"joint\.position is needed"):
+    with pytest.raises(RecordingError, match=r"has no column <joint>\.position: .*; it has "):
         checked(tmp_path / "other.csv")
 
 

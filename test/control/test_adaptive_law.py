@@ -259,3 +259,23 @@ joints:
 """
     with pytest.raises(InvalidInputError, match="a motor at each joint, and spring of 'spring' have none"):
         ControlLaw(Dynamics(load_robot(text)), ["motor"], AdaptationLimits())
+
+
+def test_links_that_no_body_has_are_named_and_stay_as_they_are():
+    text = """
+robot: sticks
+joints:
+  - {joint: waist, link: turntable, inertia: {zz: 0.3}}
+  - {joint: shoulder, link: rod, mdh: {alpha: pi/2}, mass: 1, first_moments: [0.3, 0, 0], inertia: {yy: 0.1, zz: 0.1}}
+  - {joint: elbow, link: bar, mdh: {d: 0.5}, mass: 1, first_moments: [0.3, 0, 0],
+     inertia: {xx: 0.01, yy: 0.12, zz: 0.12}}
+  - {joint: wrist, link: dummy, mdh: {d: 0.4}}
+  - {joint: twist, link: weight, mass: 0.2}
+"""
+    dynamics = Dynamics(load_robot(text), compiled=False)
+    adaptive = ControlLaw(dynamics, dynamics.joint_names, AdaptationLimits()).adaptive
+    assert adaptive.constant_links == ("turntable", "rod", "weight")
+    before = adaptive.parameters.links.copy()
+    adaptive.parameters.update(1.0, 10.0, np.ones_like(before), np.ones(15))
+    changed = np.any(adaptive.parameters.links != before, axis=1)
+    assert changed.tolist() == [False, False, True, False, False]

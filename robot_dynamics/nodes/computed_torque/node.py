@@ -296,7 +296,13 @@ class ComputedTorque(RobustLifecycleNode):
 
     def _make_law(self, dynamics: Dynamics, joints: Sequence[str]) -> ControlLaw:
         is_adaptive = self._values["mode"] == ADAPTIVE
-        return ControlLaw(dynamics, joints, adaptation_limits(self._values) if is_adaptive else None)
+        law = ControlLaw(dynamics, joints, adaptation_limits(self._values) if is_adaptive else None)
+        if law.adaptive is not None and law.adaptive.constant_links:
+            self.get_logger().warning(
+                f"links {', '.join(law.adaptive.constant_links)} are not adapted: their inertia is not that of a body "
+                "with mass and an extent in all directions"
+            )
+        return law
 
     def _settings(self, values: ParameterValues, dynamics: Dynamics, joints: Sequence[str]) -> Settings:
         return settings_from_parameters(values, dynamics, joints, self._robot.is_massless(dynamics))
