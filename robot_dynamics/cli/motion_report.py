@@ -2,8 +2,9 @@
 
 The motion is a bag or a CSV file as for replay-check, whose signals are filtered, or a planned motion: a CSV file with
 the columns time, <joint>.position, <joint>.velocity and <joint>.acceleration of all independent joints, as excite
-writes it, which is taken as it is. Efforts are those of the model, friction included. Limits of efforts and velocities
-are those of the description, and of motors in the file of --drives, with torque-speed curves.
+writes it, which is taken as it is. With --planned the positions of a CSV file are enough. Efforts are those of the
+model, friction included. Limits of efforts and velocities are those of the description, and of motors in the file of
+--drives, with torque-speed curves.
 
 The report says by which factor the time of the whole motion could be scaled until the first limit is reached. --retime
 finds the fastest motion along the same path, and writes it with --output. The robot needs a fixed base and a motor at
@@ -51,6 +52,12 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("motion", metavar="MOTION", help="bag or CSV file with the motion")
     add_signal_arguments(parser)
     parser.add_argument(
+        "--planned",
+        action="store_true",
+        help="the positions of the CSV file are planned, not measured: differentiate a spline through them, without a "
+        "filter; velocities, accelerations and efforts are not read",
+    )
+    parser.add_argument(
         "--retime",
         action="store_true",
         help="find the fastest motion along the path within the limits, from rest to rest; pauses stay",
@@ -89,6 +96,11 @@ def run(arguments: Namespace) -> None:
     if arguments.retime:
         retimed = retime(model, limits, motion)
         print(describe_retiming(model, limits, cost, retimed))
+        if motion.cutoff is not None:
+            print(
+                f"  note: begins at {motion.times[0]:.4g} s and ends at {motion.times[-1]:.4g} s of the recording, "
+                "because the filter needs samples on both sides. If the positions are planned, use --planned"
+            )
     for path in arguments.output:
         _write_output(path, arguments, model, limits, motion, cost, retimed)
     if arguments.json is not None:
@@ -113,10 +125,16 @@ def _read_motion(arguments: Namespace, recording: Recording, joint_names: Sequen
     from robot_dynamics.motions.sampled_motion import planned_motion, recorded_motion_samples
 
     options = (arguments.cutoff, arguments.start, arguments.end, arguments.samples)
-    if all(option is None for option in options):  # with one of them, the signals are those of a recording
-        planned = planned_motion(Path(arguments.motion), joint_names)
+    is_whole = all(option is None for option in options)  # with one of them, the signals are those of a recording
+    if is_whole:
+        planned = planned_motion(Path(arguments.motion), joint_names, arguments.planned)
         if planned is not None:
             return planned
+    if arguments.planned:
+        reason = "it is no CSV file with time and <joint>.position of all independent joints"
+        if not is_whole:
+            reason = "it takes neither --cutoff nor a part of the motion (--from, --to, --samples)"
+        raise InvalidInputError(f"{arguments.motion} with --planned: {reason}")
     return recorded_motion_samples(recording, arguments.cutoff, arguments.rate)
 
 

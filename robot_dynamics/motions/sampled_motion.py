@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from robot_dynamics.errors import RecordingError
 from robot_dynamics.recordings.tables import read_column_names
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.recording import Recording
 
 KINDS = ("position", "velocity", "acceleration")
+SPLINE_DEGREE = 5
+"""Of the spline through planned positions: its acceleration has two continuous derivatives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,20 +61,23 @@ def trapezoid_weights(times: Array) -> Array:
     return weights
 
 
-def planned_motion(path: Path, joint_names: Sequence[str]) -> SampledMotion | None:
+def planned_motion(path: Path, joint_names: Sequence[str], interpolate: bool = False) -> SampledMotion | None:
     """Read a CSV file that has time, <joint>.position, .velocity and .acceleration of all joints, without a filter.
+
+    interpolate: take the positions alone, and differentiate the spline of degree 5 through them.
 
     Returns None for a file without such columns: a recording.
 
     Raises
     ------
     RecordingError
-        The file cannot be read as CSV, a number is missing, or times do not ascend.
+        The file cannot be read as CSV, a number is missing, times do not ascend, or rows are too few for a spline.
     """
     if path.suffix != ".csv" or not path.is_file():
         return None
     header = read_column_names(path)
-    columns = ["time", *(f"{name}.{kind}" for kind in KINDS for name in joint_names)]
+    kinds = KINDS[:1] if interpolate else KINDS
+    columns = ["time", *(f"{name}.{kind}" for kind in kinds for name in joint_names)]
     if not set(columns) <= set(header):
         return None
     try:
@@ -83,7 +89,13 @@ def planned_motion(path: Path, joint_names: Sequence[str]) -> SampledMotion | No
     times, *values = (table[:, header.index(column)] for column in columns)
     if len(times) < 2 or not np.isfinite(table).all() or not (np.diff(times) > 0).all():
         raise RecordingError(f"{path}: two rows or more of finite numbers with ascending times are needed")
-    q, qd, qdd = np.reshape(values, (3, len(joint_names), len(times))).transpose(0, 2, 1)
+    q, *rates = np.reshape(values, (len(kinds), len(joint_names), len(times))).transpose(0, 2, 1)
+    if interpolate:
+        if len(times) <= SPLINE_DEGREE:
+            raise RecordingError(f"{path} has {len(times)} rows: {SPLINE_DEGREE + 1} or more are needed for a spline")
+        spline = make_interp_spline(times, q, k=SPLINE_DEGREE)
+        rates = [spline(times, order) for order in (1, 2)]
+    qd, qdd = rates
     return SampledMotion(times, q, qd, qdd, trapezoid_weights(times))
 
 

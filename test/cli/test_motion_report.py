@@ -89,6 +89,36 @@ def test_recordings_are_filtered(excited, tmp_path, capsys):
     np.testing.assert_allclose(recorded_rms, planned_rms, rtol=0.1)
 
 
+def test_planned_positions_are_not_filtered_and_their_path_is_kept_to_its_ends(excited, tmp_path, capsys):
+    """The accelerations that `excite` wrote are those of the spline; the re-timed motion has the ends of the path."""
+    table = read_table(excited)
+    names = ["time", *(name for name in table if name.endswith(".position"))]
+    columns = np.column_stack([table[name] for name in names])
+    path, faster = tmp_path / "path.csv", tmp_path / "faster.csv"
+    np.savetxt(path, columns, delimiter=",", header=",".join(names), comments="", fmt="%.12g")
+    for options, figures in (([str(path), "--planned"], "path.json"), ([str(excited)], "excited.json")):
+        assert main(["motion-report", "ur5e", *options, "--json", str(tmp_path / figures)]) == 0
+    assert capsys.readouterr().out.count(", planned") == 2
+    by_spline, given = (
+        [actuator["rms_effort"] for actuator in json.loads((tmp_path / name).read_text())["actuators"]]
+        for name in ("path.json", "excited.json")
+    )
+    np.testing.assert_allclose(by_spline, given, rtol=1e-3)
+    for options, error, has_note in ((["--planned"], 1e-8, False), ([], np.inf, True)):
+        arguments = ["motion-report", "ur5e", str(path), "--retime", "--output", str(faster), *options]
+        assert main(arguments) == 0
+        assert ("note: begins at" in capsys.readouterr().out) == has_note
+        new = read_table(faster)
+        ends = [[new[name][k] - table[name][k] for name in names[1:]] for k in (0, -1)]
+        assert np.abs(ends).max() < error
+    for options in (["--planned", "--cutoff", "5"], ["--planned", "--from", "1"]):
+        assert main(["motion-report", "ur5e", str(path), *options]) == 1
+        assert "takes neither --cutoff nor a part" in capsys.readouterr().err
+    np.savetxt(path, columns[:5], delimiter=",", header=",".join(names), comments="")
+    assert main(["motion-report", "ur5e", str(path), "--planned"]) == 1
+    assert "6 or more are needed for a spline" in capsys.readouterr().err
+
+
 def test_outputs_that_cannot_be_written_are_refused(excited, tmp_path, capsys):
     for arguments, reason in (
         (["--output", str(tmp_path / "new.csv")], "is written with --retime, which is missing"),
