@@ -160,6 +160,12 @@ class Inertia:
         others = np.delete(self.spatial.ravel(), -1)
         return bool(self.second_moments[2, 2] > 0 and not np.any(others))
 
+    @property
+    def central_moments(self) -> ScalarArray:
+        """Inertia matrix (3, 3) about the centre of mass [kg m²], along the axes of the frame; the mass is not zero."""
+        offset = skew(self.first_moments / self.mass)
+        return self.second_moments + self.mass * offset @ offset
+
     def find_inconsistencies(self) -> list[str]:
         """Return why no physical body has these parameters, as sentences.
 
@@ -174,8 +180,7 @@ class Inertia:
             if np.any(self.first_moments) or np.any(self.second_moments):
                 return ["mass is zero but moments are not"]
             return []
-        offset = skew(self.first_moments / self.mass)
-        central = self.second_moments + self.mass * offset @ offset
+        central = self.central_moments
         rounding = 1e-12 * max(np.abs(central).max(), np.abs(self.second_moments).max())
         smallest, middle, largest = np.linalg.eigvalsh(central)
         moments = f"principal moments about the centre of mass {smallest:.4g}, {middle:.4g}, {largest:.4g} kg m²"

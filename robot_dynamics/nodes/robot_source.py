@@ -9,7 +9,7 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
-from weakref import WeakSet
+from weakref import WeakKeyDictionary, WeakSet
 
 import numpy as np
 from rcl_interfaces.msg import SetParametersResult
@@ -19,9 +19,10 @@ from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
 from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError, describe_unknown_name
-from robot_dynamics.model.inertia import Inertia, symmetric_matrix
+from robot_dynamics.model.inertia import Inertia, symmetric_entries, symmetric_matrix
 from robot_dynamics.model.loading import read_description, read_robot, shipped_robots
 from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
+from robot_dynamics.model.payload import find_control_objection, point_mass
 from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
@@ -138,6 +139,8 @@ class RobotSource:
     worker : loads descriptions; it must have one thread. None: a worker of its own.
     require_changeable : called with the name of a parameter before its change is prepared; raises InvalidInputError if
         it cannot change in the present state of the node.
+    controls : whether the node computes feedback by the model. A payload that no body has is then not used: without
+        second moments it is taken for a point mass, and else the payload before stays in force.
     on_loaded : called with each new Dynamics where it is loaded, in the worker while the node runs, before it is used:
         for what the node needs of the robot and takes long.
 
@@ -154,8 +157,12 @@ class RobotSource:
         worker: Executor | None = None,
         require_changeable: Callable[[str], None] | None = None,
         on_loaded: Callable[[Dynamics], None] | None = None,
+        controls: bool = False,
     ) -> None:
         self._node = node
+        self._controls = controls
+        self._payload_in_force: ParameterValues | None = None  # the last one that a body can have
+        self._payload_objections: WeakKeyDictionary[Dynamics, str] = WeakKeyDictionary()
         self._on_loaded = on_loaded
         self._on_new_robot = on_new_robot
         self._worker = worker or ThreadPoolExecutor(1, thread_name_prefix="robot")
@@ -213,6 +220,7 @@ class RobotSource:
             return ""
         warnings = [MASSLESS_WARNING] if self.is_massless(self._dynamics) else []
         warnings += self._dynamics.robot.payload_warnings
+        warnings += [objection] if (objection := self._payload_objections.get(self._dynamics)) else []
         return f"robot {self.name!r}: {'; '.join(warnings)}" if warnings else ""
 
     def health(self) -> tuple[Level, str]:
@@ -268,16 +276,36 @@ class RobotSource:
         else:
             robot = read_robot(key.text, source=key.source, moving_base=key.moving_base, gravity=key.gravity)
             self._last_read = key, robot
+        settings, objection = self._replace_unsafe_payload(settings)
         loaded = with_payload(with_locked_joints(robot, settings), settings)
+        self._payload_in_force = {name: value for name, value in settings.items() if name.startswith("payload.")}
         _ = loaded.warnings  # computed here, in the worker; strict and the log need them
         if settings["strict"]:
             loaded.raise_on_warnings()
         dynamics = Dynamics(loaded)
         if robot.is_massless:
             self._massless.add(dynamics)
+        if objection:
+            self._payload_objections[dynamics] = objection
         if self._on_loaded is not None:
             self._on_loaded(dynamics)
         return dynamics
+
+    def _replace_unsafe_payload(self, settings: ParameterValues) -> tuple[ParameterValues, str]:
+        """Return the settings with a payload that feedback may use, and what was changed; else an empty text."""
+        link = settings["payload.link"]
+        if not self._controls or not link:
+            return settings, ""
+        inertia = payload_inertia(settings)
+        reason = find_control_objection(link, inertia)
+        if not reason:
+            return settings, ""
+        if inertia.mass > 0 and not np.any(inertia.second_moments):
+            entries = symmetric_entries(point_mass(inertia.mass, inertia.first_moments).second_moments)
+            return {**settings, "payload.inertia": entries}, f"{reason}, which are used"
+        if self._payload_in_force is None:
+            raise InvalidInputError(f"parameters payload.*: {reason}")
+        return {**settings, **self._payload_in_force}, f"the payload before stays in force: {reason}"
 
     def _adopt(self, dynamics: Dynamics | None) -> None:
         self._dynamics = dynamics
@@ -288,11 +316,14 @@ class RobotSource:
         self.rejection_reason = ""
         logger = self._node.get_logger()
         robot = dynamics.robot
+        objection = self._payload_objections.get(dynamics)
         link = self._node.get_parameter("payload.link").value
         mass = self._node.get_parameter("payload.mass").value
         payload = f"{mass} kg on {link!r}" if link else "no payload"
+        payload = "a payload that differs from its parameters" if objection else payload
         logger.info(f"serving {robot!r}, {payload}, gravity {robot.gravity}")
         warnings = [MASSLESS_WARNING] if self.is_massless(dynamics) else []
+        warnings += [objection] if objection else []
         for warning in dict.fromkeys([*warnings, *robot.warnings]):
             logger.warning(f"robot {robot.name!r}: {warning}")
         if self._on_new_robot is not None:
@@ -458,6 +489,12 @@ def with_locked_joints(robot: Robot, settings: ParameterValues) -> Robot:
     return lock_massless_joints(robot) if settings["lock_massless"] else robot
 
 
+def payload_inertia(settings: ParameterValues) -> Inertia:
+    """Return the inertia of the payload of the parameters, in the frame of its link."""
+    second_moments = symmetric_matrix(*settings["payload.inertia"])
+    return Inertia(settings["payload.mass"], np.array(settings["payload.first_moments"]), second_moments)
+
+
 def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
     """Return the robot with the payload of the parameters; with an empty payload.link, the robot itself."""
     for name in ("payload.first_moments", "payload.inertia"):
@@ -465,11 +502,9 @@ def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
             raise InvalidInputError(
                 f"parameter {name} is {settings[name]}: magnitudes below {MAX_PAYLOAD:g} are needed"
             )
-    inertia = symmetric_matrix(*settings["payload.inertia"])
-    payload = Inertia(settings["payload.mass"], np.array(settings["payload.first_moments"]), inertia)
     if not settings["payload.link"]:
         return robot
     try:
-        return attach_payload(robot, settings["payload.link"], payload)
+        return attach_payload(robot, settings["payload.link"], payload_inertia(settings))
     except InvalidInputError as error:
         raise InvalidInputError(f"parameter payload.link: {error}") from None

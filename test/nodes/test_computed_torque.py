@@ -172,9 +172,15 @@ def test_modes_gains_limits_and_payload_change_at_run_time(start_controller):
     excess = "effort_limits exceed those of the description: panda_joint5 80 (12)"
     controller.stream_until(lambda: controller.has_diagnostic(excess), "limits")
     payload = {"payload.link": "panda_link8", "payload.mass": 2.0, "payload.first_moments": [0.0, 0.0, 0.2]}
+    loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2], np.diag([0.02, 0.02, 0.0])))
     assert controller.client.set_parameters(controller.target, payload).successful
-    loaded = LIBRARY.robot.with_payload("panda_link8", Inertia(2.0, [0, 0, 0.2]))
     comes_to(Dynamics(loaded, compiled=False).gravity(Q), "payload")
+    controller.stream_until(lambda: controller.has_diagnostic("0.02, 0.0, 0.0] kg m², which are used"), "a point mass")
+    assert controller.client.set_parameters(controller.target, {"payload.mass": 0.0}).successful
+    controller.stream_until(lambda: controller.has_diagnostic("payload before stays in force"), "moments without mass")
+    comes_to(Dynamics(loaded, compiled=False).gravity(Q), "the payload before")
+    assert controller.client.set_parameters(controller.target, {"payload.link": ""}).successful
+    comes_to(LIBRARY.gravity(Q), "no payload")
 
 
 def test_springs_behind_motors_need_no_state_and_their_links_follow(start_controller):

@@ -107,7 +107,7 @@ class ComputedTorque(RobustLifecycleNode):
         self._specs = dict(PARAMETERS)  # and those of the controlled joints
         self._values = read_parameters(self, PARAMETERS)
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="robot")
-        self._robot = RobotSource(self, self._on_new_robot, self._worker, self._require_changeable)
+        self._robot = RobotSource(self, self._on_new_robot, self._worker, self._require_changeable, controls=True)
         self.add_on_set_parameters_callback(self._before_change)
         self.add_post_set_parameters_callback(self._after_change)
         self._times = MessageTimes(self.get_clock())
