@@ -29,6 +29,10 @@ function(robot_dynamics_find_executable)
     message(FATAL_ERROR "robot_dynamics_generate: the command robot-dynamics is not found. Install the Python package "
       "robot_dynamics, source the workspace that has it, or set -DROBOT_DYNAMICS_EXECUTABLE=/path/to/robot-dynamics")
   endif()
+  if(ROBOT_DYNAMICS_EXECUTABLE AND NOT EXISTS "${ROBOT_DYNAMICS_EXECUTABLE}" AND NOT "QUIET" IN_LIST ARGN)
+    message(FATAL_ERROR "robot_dynamics_generate: ROBOT_DYNAMICS_EXECUTABLE is ${ROBOT_DYNAMICS_EXECUTABLE}, which does "
+      "not exist. Set the full path of the command robot-dynamics")
+  endif()
 endfunction()
 
 function(robot_dynamics_generate target)

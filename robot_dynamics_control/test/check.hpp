@@ -5,6 +5,7 @@
 
 #include <cmath>
 #include <cstdio>
+#include <string>
 
 inline int failed_checks = 0;
 
@@ -20,6 +21,15 @@ inline bool check(bool is_true, const char* text, const char* file, int line)
 inline bool near(double value, double expected, double tolerance = 1e-12)
 {
     return std::abs(value - expected) <= tolerance;
+}
+
+inline bool contains(const std::string& text, const std::string& part)
+{
+    const bool found = text.find(part) != std::string::npos;
+    if (!found) {
+        std::printf("'%s' does not contain '%s'\n", text.c_str(), part.c_str());
+    }
+    return found;
 }
 
 /// The exit status of the test.

@@ -22,15 +22,6 @@ Model bound(const robot_dynamics_model* table)
     return model;
 }
 
-bool contains(const std::string& text, const std::string& part)
-{
-    const bool found = text.find(part) != std::string::npos;
-    if (!found) {
-        std::printf("'%s' does not contain '%s'\n", text.c_str(), part.c_str());
-    }
-    return found;
-}
-
 void models()
 {
     Model model;
@@ -108,6 +99,38 @@ void settings()
     CHECK(law.apply(Law::complete(Settings(), law.control_law())));
     const double inertia[10] = {1.0};
     CHECK(!law.set_payload({inertia, 10})); // this model has none
+    CHECK(!Law().set_payload({inertia, 10})); // there is no model yet
+    Settings without_effort = Law::complete(Settings(), law.control_law());
+    without_effort.limits.assign(law.size(), 0.0);
+    CHECK(contains(find_objection(without_effort, law.size()), "nothing but zeros"));
+}
+
+void payloads()
+{
+    const auto objection = [](const std::vector<double>& inertia) { return std::string(find_objection_to_payload(inertia)); };
+    // 2 kg with its centre at (0.1, 0, 0.05): a point mass, rounded to six digits, a body, and half of either moment
+    const std::vector<double> point{2.0, 0.2, 0.0, 0.1, 0.005, 0.0, -0.01, 0.025, 0.0, 0.02};
+    CHECK(objection(point).empty());
+    const auto of_mass = point_mass(2.0, point.data() + 1);
+    for (std::size_t k = 0; k < of_mass.size(); ++k) {
+        CHECK(near(of_mass[k], point[k], 1e-16));
+    }
+    std::vector<double> changed = point;
+    changed[4] = 0.00499999;
+    CHECK(objection(changed).empty());
+    changed[4] = 0.0049;
+    CHECK(contains(objection(changed), "no body has these second moments"));
+    changed = point;
+    changed[6] = 0.01; // the sign of the product
+    CHECK(contains(objection(changed), "no body has these second moments"));
+    CHECK(contains(objection({2.0, 0.2, 0.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}), "no body has"));
+    CHECK(objection({2.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}).empty());
+    CHECK(objection(std::vector<double>(10, 0.0)).empty());
+    CHECK(contains(objection({0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}), "the mass is zero"));
+    CHECK(contains(objection({-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}), "negative"));
+    CHECK(contains(objection({1.0, 0.0}), "10 numbers"));
+    changed[2] = std::numeric_limits<double>::infinity();
+    CHECK(contains(objection(changed), "not finite"));
 }
 
 void names()
@@ -125,6 +148,7 @@ void libraries()
 {
     ModelLibrary library;
     CHECK(contains(library.open("nothing.so"), "nothing.so"));
+    CHECK(contains(library.open(""), "no file is named"));
     CHECK(contains(library.open("libm.so.6"), "has no function robot_dynamics_control_model"));
     CHECK(!library.model().is_bound());
 }
@@ -151,6 +175,7 @@ int main()
     models();
     joints();
     settings();
+    payloads();
     names();
     libraries();
     models_for_programs();

@@ -81,6 +81,23 @@ def change_payload(bench: Bench) -> str:
     return f"error {errors[0]:.3f} rad without, {errors[1]:.1e} rad with it; {change}"
 
 
+def set_payload_in_parts(bench: Bench) -> str:
+    """Parameters of the payload one after the other, in the worst order: no body has what is set in between."""
+    jumps, errors = [], []
+    for name in ("payload.mass", "payload.first_moments", "payload.inertia"):  # from the payload to none
+        recorded = bench.record(0.5, lambda name=name: bench.set_named({name: NO_PAYLOAD[name]}))
+        jumps.append(largest_jump(recorded))
+        errors.append(float(np.abs(recorded["position"][-1] - GOAL).max()))
+    for name in ("payload.first_moments", "payload.inertia", "payload.mass"):
+        recorded = bench.record(1.5, lambda name=name: bench.set_named({name: PAYLOAD[name]}))
+        jumps.append(largest_jump(recorded))
+        errors.append(float(np.abs(recorded["position"][-1] - GOAL).max()))
+    expect(max(errors[:2]) < 1e-3, f"the payload did not stay in force: errors {errors} rad")
+    expect(errors[2] > 1e-2 and errors[-1] < 1e-3, f"the payload did not change: errors {errors} rad")
+    expect(max(jumps) < 1.0, f"the efforts jump by {jumps} N m")
+    return f"nothing changes before all three are those of a body; largest change in 1 ms {max(jumps):.2f} N m"
+
+
 def refuse_parameters(bench: Bench) -> str:
     """Wrong parameters are refused with a reason, and change nothing."""
     wrong = [
@@ -90,6 +107,7 @@ def refuse_parameters(bench: Bench) -> str:
         {"payload.mass": float("nan")},
         {"payload.first_moments": [0.0]},
         {"effort_limits": [1.0]},
+        {"effort_limits": [0.0] * 7},
         {"model_library": "other.so"},
         {"ramp_time": -1.0},
     ]
@@ -327,7 +345,7 @@ def main() -> int:
         return compare_jitter(bench, options.jitter)
 
     compare.__name__ = "compare_jitter"
-    checks = [spawn, follow, change_payload, refuse_parameters, change_modes, unchain]
+    checks = [spawn, follow, change_payload, set_payload_in_parts, refuse_parameters, change_modes, unchain]
     with Bench(options.urdf, "simulated") as bench:
         checks += [unchain_in_motion, stream_points, survive_nan, report_errors, stall, deactivate, kill]
         rows = run_checks(bench, checks)

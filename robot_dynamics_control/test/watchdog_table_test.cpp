@@ -168,6 +168,49 @@ void state_with_an_old_stamp_or_a_long_transit()
     CHECK(near(transit.delay(1'050'000'000, 1'047'000'000), 0.0)); // faster than the fastest one before
 }
 
+void state_with_a_stamp_ahead_of_the_clock()
+{
+    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+    for (const double ahead : {5.0, 0.03, std::numeric_limits<double>::infinity(), nan}) {
+        for (const bool is_published : {false, true}) {
+            Robot robot;
+            robot.run(0.2);
+            const double stamp = robot.now + ahead;
+            robot.law.step(robot.now, is_published ? robot.now : stamp, is_published ? stamp : robot.now);
+            CHECK(robot.law.fault() == Fault::rejected);
+            CHECK(contains(robot.law.describe_fault(), "ahead of the clock"));
+            robot.tick(0.2);
+            CHECK(robot.is_zero() && robot.law.fault() == Fault::stale);
+            robot.run(0.11);
+            CHECK(robot.has_state_of_rest());
+        }
+    }
+    Robot robot;
+    robot.run(0.2);
+    robot.law.step(robot.now, robot.now + 0.019, robot.now + 0.019);
+    CHECK(robot.has_state_of_rest());
+}
+
+void clock_that_is_not_finite()
+{
+    for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+        const auto calls = {+[](Law& law, double now) { law.step(now); }, +[](Law& law, double now) { law.tick(now); },
+            +[](Law& law, double now) { law.reject_state(now, "a test"); },
+            +[](Law& law, double now) { law.handle_overdue_efforts(now); }};
+        for (const auto call : calls) {
+            Robot robot;
+            robot.run(0.2);
+            call(robot.law, bad);
+            CHECK(robot.is_zero() && robot.law.fault() == Fault::rejected);
+            CHECK(contains(robot.law.describe_fault(), "clock is not finite"));
+            robot.tick(cycle);
+            CHECK(robot.is_zero() && robot.law.fault() != Fault::none);
+            robot.run(0.11);
+            CHECK(robot.has_state_of_rest());
+        }
+    }
+}
+
 void program_stalls_or_its_clock_jumps_ahead()
 {
     Robot robot;
@@ -375,6 +418,8 @@ int main()
     no_state_for_state_timeout();
     state_that_is_not_finite_or_incomplete();
     state_with_an_old_stamp_or_a_long_transit();
+    state_with_a_stamp_ahead_of_the_clock();
+    clock_that_is_not_finite();
     program_stalls_or_its_clock_jumps_ahead();
     clock_jumps_back();
     clock_stands_still_or_sending_is_too_slow();

@@ -15,6 +15,7 @@
 #include "robot_dynamics_control/control_law.hpp"
 #include "robot_dynamics_control/model.hpp"
 #include "robot_dynamics_control/modes.hpp"
+#include "robot_dynamics_control/payload.hpp"
 #include "robot_dynamics_control/reference_point.hpp"
 #include "robot_dynamics_control/settings.hpp"
 #include "robot_dynamics_control/watchdog.hpp"
@@ -68,9 +69,6 @@ public:
         if (!error.empty()) {
             return error;
         }
-        if (std::all_of(completed.limits.begin(), completed.limits.end(), [](double limit) { return limit == 0.0; })) {
-            return "all efforts are limited to 0, so that nothing but zeros could be sent: set the limits";
-        }
         law_ = std::move(law);
         settings_ = std::move(completed);
         const std::size_t size = law_.size();
@@ -122,11 +120,10 @@ public:
 
     /// Carry another payload, an inertia (10) in Model::payload_frame; the efforts change without a jump.
     ///
-    /// Returns false, and changes nothing, where the model has no payload, a number is not finite or the mass negative.
+    /// Returns false, and changes nothing, where the model has no payload, or `find_objection_to_payload` has a reason.
     bool set_payload(Numbers inertia) noexcept
     {
-        if (!law_.model().has_payload() || inertia.size() != ROBOT_DYNAMICS_INERTIA_SIZE || !all_finite(inertia)
-            || inertia[0] < 0.0) {
+        if (!law_.model().is_bound() || !law_.model().has_payload() || *find_objection_to_payload(inertia) != '\0') {
             return false;
         }
         std::copy(inertia.begin(), inertia.end(), law_.payload().begin());
@@ -236,6 +233,9 @@ public:
         if (*objection != '\0') {
             return reject_state(now, objection);
         }
+        if (!(time - now <= settings_.state_timeout && published - now <= settings_.state_timeout)) {
+            return reject_state(now, "the state is ahead of the clock by more than state_timeout");
+        }
         watchdog_.check_clock(now);
         watchdog_.accept_state(published);
         return compute_efforts(now, time);
@@ -244,6 +244,9 @@ public:
     /// Efforts that decay to zero, for a state that cannot be used; the reason lives as long as the program.
     Numbers reject_state(double now, const char* reason) noexcept
     {
+        if (!std::isfinite(now)) {
+            return halt(time_is_not_finite);
+        }
         watchdog_.check_clock(now);
         watchdog_.reject_state(reason);
         return compute_efforts(now, now);
@@ -252,6 +255,9 @@ public:
     /// Efforts that decay to zero, in the place of efforts that could not be sent in time.
     Numbers handle_overdue_efforts(double now) noexcept
     {
+        if (!std::isfinite(now)) {
+            return halt(time_is_not_finite);
+        }
         watchdog_.check_clock(now);
         if (watchdog_.fault(now) == Fault::none) {
             watchdog_.reject_state("efforts were ready later than state_timeout after their state");
@@ -269,15 +275,20 @@ public:
         return last_efforts();
     }
 
-    /// Efforts that decay to zero during a fault; where there is none, an empty view.
+    /// Efforts that decay to zero during a fault; where there is none, an empty view: `last_efforts` remain in force.
     Numbers tick(double now) noexcept
     {
+        if (!std::isfinite(now)) {
+            return halt(time_is_not_finite);
+        }
         watchdog_.check_clock(now);
         fault_ = watchdog_.fault(now);
         return fault_ == Fault::none ? Numbers() : decay_to_zero(now);
     }
 
 private:
+    static constexpr const char* time_is_not_finite = "the time of the clock is not finite";
+
     void use_settings() noexcept
     {
         watchdog_.set(settings_.state_timeout, settings_.deadline, settings_.deadline_misses);

@@ -27,6 +27,9 @@ public:
     std::string open(const std::string& path)
     {
         close();
+        if (path.empty()) { // dlopen would open the program itself
+            return "the model cannot be loaded: no file is named";
+        }
         handle_ = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
         if (handle_ == nullptr) {
             return "the model cannot be loaded: " + last_error(path);

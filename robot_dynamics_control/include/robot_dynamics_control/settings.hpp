@@ -3,6 +3,7 @@
 #ifndef ROBOT_DYNAMICS_CONTROL_SETTINGS_HPP
 #define ROBOT_DYNAMICS_CONTROL_SETTINGS_HPP
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <initializer_list>
@@ -46,6 +47,9 @@ inline std::string find_objection(const Settings& settings, std::size_t size)
                 return std::string(name) + " has " + std::to_string(value) + ": numbers from 0 on are needed";
             }
         }
+    }
+    if (std::all_of(settings.limits.begin(), settings.limits.end(), [](double limit) { return limit == 0.0; })) {
+        return "all efforts are limited to 0, so that nothing but zeros could be sent: set the limits";
     }
     using NamedTime = std::pair<const char*, double>;
     for (const auto& [name, value] : {NamedTime{"state_timeout", settings.state_timeout},

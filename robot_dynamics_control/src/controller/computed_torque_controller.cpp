@@ -113,6 +113,11 @@ std::string ComputedTorqueController::configure_law()
             return error;
         }
     }
+    payload_ = payload_from_parameters(parameters_);
+    error = find_objection_to_payload(payload_);
+    if (!error.empty()) {
+        return "parameters payload.*: " + error;
+    }
     return law_.configure(library_.model(), parameters_.joints, settings_from_parameters(parameters_, law.size()));
 }
 
@@ -140,7 +145,15 @@ void ComputedTorqueController::write_inputs()
     const ControllerParameters parameters = parameter_listener_->get_params();
     ControllerInputs inputs;
     inputs.settings = Law::complete(settings_from_parameters(parameters, law_.size()), law_.control_law());
-    inputs.payload = payload_from_parameters(parameters);
+    const auto payload = payload_from_parameters(parameters);
+    const std::string objection = find_objection_to_payload(payload);
+    if (objection.empty()) {
+        payload_ = payload;
+    } else { // they are set one after the other, in any order
+        RCLCPP_WARN(get_node()->get_logger(), "the payload before stays in force until payload.* are those of a body: %s",
+            objection.c_str());
+    }
+    inputs.payload = payload_;
     inputs.error_on_fault = parameters.error_on_fault;
     inputs.start_efforts = start_efforts_from_name(parameters.start_efforts);
     inputs.revision = ++written_revision_;

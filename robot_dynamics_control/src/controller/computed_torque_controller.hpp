@@ -78,6 +78,7 @@ private:
     ModelLibrary library_;
     Law law_;
 
+    std::array<double, ROBOT_DYNAMICS_INERTIA_SIZE> payload_{}; // the last one that a body can have
     realtime_tools::RealtimeBuffer<ControllerInputs> inputs_;
     std::uint64_t input_revision_ = 0; // of the inputs that the law has
     std::uint64_t written_revision_ = 0;

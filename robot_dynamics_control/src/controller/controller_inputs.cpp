@@ -61,10 +61,11 @@ StartEfforts start_efforts_from_name(const std::string& name)
 
 std::array<double, ROBOT_DYNAMICS_INERTIA_SIZE> payload_from_parameters(const ControllerParameters& parameters)
 {
-    std::array<double, ROBOT_DYNAMICS_INERTIA_SIZE> inertia{};
-    inertia[0] = parameters.payload.mass;
-    std::copy_n(parameters.payload.first_moments.begin(), 3, inertia.begin() + 1);
-    std::copy_n(parameters.payload.inertia.begin(), 6, inertia.begin() + 4);
+    const auto& second_moments = parameters.payload.inertia;
+    auto inertia = point_mass(parameters.payload.mass, parameters.payload.first_moments.data());
+    if (std::any_of(second_moments.begin(), second_moments.end(), [](double moment) { return moment != 0.0; })) {
+        std::copy_n(second_moments.begin(), 6, inertia.begin() + 4);
+    }
     return inertia;
 }
 
@@ -86,12 +87,16 @@ std::string find_objection_to_parameter(
     if (is_gain || name == "effort_limits") {
         const std::size_t count = parameter.as_double_array().size();
         const bool is_left_out = count == 0 && !is_gain;
-        return is_left_out ? "" : find_objection_to_size(name, count, is_gain, law);
+        const std::string objection = is_left_out ? "" : find_objection_to_size(name, count, is_gain, law);
+        if (objection.empty() && !is_gain && !is_left_out && is_zero(parameter)) {
+            return "parameter effort_limits: all efforts are limited to 0, so that nothing but zeros could be sent";
+        }
+        return objection;
     }
     if (name == "state_timeout" && update_rate > 0 && parameter.as_double() * update_rate <= 2.0) {
-        return "parameter state_timeout is " + std::to_string(parameter.as_double()) + " s: at "
-            + std::to_string(update_rate) + " updates a second more than two periods, "
-            + std::to_string(2.0 / update_rate) + " s, are needed, else each pause is a stall";
+        return "parameter state_timeout is " + std::to_string(parameter.as_double()) + " s: a time above two periods of "
+            + std::to_string(update_rate) + " updates a second, " + std::to_string(2.0 / update_rate)
+            + " s, is needed, else each pause is a stall";
     }
     if (name.rfind("payload.", 0) == 0 && !law.model().has_payload() && !is_zero(parameter)) {
         return "parameter " + name + ": the model of '" + law.model().robot()
