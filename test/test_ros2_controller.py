@@ -60,7 +60,7 @@ def test_parameters_are_those_of_the_node(declared):
 
 def test_payload_is_that_of_the_node(declared):
     pytest.importorskip("rclpy")
-    from robot_dynamics.nodes.robot_source import PARAMETERS
+    from robot_dynamics.nodes.robot_parameters import PARAMETERS
 
     for name in ("payload.mass", "payload.first_moments", "payload.inertia"):
         assert declared[name]["default_value"] == PARAMETERS[name].default, name

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from robot_dynamics.nodes import robot_source
+from robot_dynamics.nodes import robot_parameters
 from robot_dynamics.nodes.computed_torque import parameters as computed_torque
 from robot_dynamics.nodes.contact_monitor import parameters as contact_monitor
 from robot_dynamics.nodes.dynamics_server import parameters as dynamics_server
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from robot_dynamics.nodes.parameters import ParameterSpec, ParameterSpecs
 
 NODES: dict[str, ParameterSpecs] = {
-    "all": robot_source.PARAMETERS,
+    "all": robot_parameters.PARAMETERS,
     "dynamics_server": dynamics_server.PARAMETERS,
     "computed_torque": computed_torque.PARAMETERS,
     "mobile_base_simulator": mobile_base_simulator.PARAMETERS,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -11,109 +9,40 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 from weakref import WeakKeyDictionary, WeakSet
 
-import numpy as np
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from robot_dynamics.dynamics import Dynamics
-from robot_dynamics.errors import DescriptionError, InvalidInputError, RobotDynamicsError, describe_unknown_name
-from robot_dynamics.model.inertia import Inertia, symmetric_entries, symmetric_matrix
-from robot_dynamics.model.loading import read_description, read_robot, shipped_robots
-from robot_dynamics.model.locked_joints import lock_joints, lock_massless_joints
-from robot_dynamics.model.payload import find_control_objection, point_mass
-from robot_dynamics.model.robot import MASSLESS_WARNING, attach_payload
+from robot_dynamics.errors import DescriptionError, RobotDynamicsError
+from robot_dynamics.model.loading import read_description, read_robot
+from robot_dynamics.model.robot import MASSLESS_WARNING
 from robot_dynamics.nodes.diagnostics import ERROR, OK, WARN
 from robot_dynamics.nodes.guarded_callbacks import failure_reason
 from robot_dynamics.nodes.parameter_requests import ParameterRequests, run_in_executor, yielding_thread
-from robot_dynamics.nodes.parameters import (
-    ParameterSpec,
-    by_name,
-    declare_parameters,
-    refuse_startup_changes,
-)
+from robot_dynamics.nodes.parameters import declare_parameters, refuse_startup_changes
 from robot_dynamics.nodes.qos import LATCHED_QOS
+from robot_dynamics.nodes.robot_parameters import (
+    BASES,
+    PARAMETERS,
+    check_folder,
+    payload_settings,
+    safe_payload,
+    with_locked_joints,
+    with_payload,
+)
 
 if TYPE_CHECKING:
     from robot_dynamics.model.robot import Robot
     from robot_dynamics.nodes.diagnostics import Level
-    from robot_dynamics.nodes.parameters import (
-        ParameterValues,
-    )
+    from robot_dynamics.nodes.parameters import ParameterValues
 
-BASES = {"": None, "fixed": False, "moving": True}  # value of parameter base: whether the base moves
-MAX_PAYLOAD = 1e9  # [kg, kg m, kg m^2] numbers from here on are refused: no robot carries them
 TOPIC_SOURCE = "topic robot_description"
 DESCRIPTION_PARAMETERS = ("robot_description", "robot_file", "robot_path", "base", "gravity")  # in DescriptionKey
 
 Outcome: TypeAlias = Dynamics | Exception | None
 """Result of loading a robot: None where nothing describes one."""
-
-PARAMETERS = by_name(
-    ParameterSpec(
-        "robot_description",
-        "",
-        "text of a URDF, an SDF, an MJCF, an MDH table or a .par; overrides robot_file",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "robot_file",
-        "",
-        "path of a URDF, a xacro, an SDF, an MJCF, an MDH table or a .par, or the name of a robot that ships. Where "
-        "this and robot_description are empty, the topic robot_description is used",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "robot_path",
-        "",
-        "folders whose files robot_file may name while the node runs, besides the share folders of ROS packages; at "
-        "the start it may name any file",
-        list_kind="names",
-        read_at="startup",
-    ),
-    ParameterSpec("base", "", "fixed or moving; empty: as in the description", read_at="configuration"),
-    ParameterSpec(
-        "gravity",
-        "",
-        "x, y, z in the world [m/s^2]; empty: as in the description, else the Earth's",
-        list_kind="numbers",
-        size=3,
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "locked_joints",
-        "",
-        "joints that are locked: the robot is then one without them. Joints that mimic them are locked too",
-        list_kind="names",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "locked_positions",
-        "",
-        "position of each of locked_joints [rad or m]; empty: all zero",
-        list_kind="numbers",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "lock_massless",
-        False,
-        "lock the joints outside loops that move nothing with inertia, such as a finger without mass",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "strict",
-        False,
-        "refuse what the warnings at start name, such as inertias that no real body has",
-        read_at="configuration",
-    ),
-    ParameterSpec(
-        "payload.link", "", "link that carries the payload, in whose frame it is given; empty: there is none"
-    ),
-    ParameterSpec("payload.mass", 0.0, "[kg]", lower_bound=0.0, upper_bound=MAX_PAYLOAD),
-    ParameterSpec("payload.first_moments", [0.0] * 3, "mass times its centre x, y, z [kg m]"),
-    ParameterSpec("payload.inertia", [0.0] * 6, "xx, xy, xz, yy, yz, zz about the origin of the link frame [kg m^2]"),
-)
 
 
 @dataclass(frozen=True)
@@ -161,8 +90,8 @@ class RobotSource:
     ) -> None:
         self._node = node
         self._controls = controls
-        self._payload_in_force: ParameterValues | None = None  # the last one that a body can have
-        self._payload_objections: WeakKeyDictionary[Dynamics, str] = WeakKeyDictionary()
+        # the payload that each has, and why it is not that of the parameters
+        self._payloads: WeakKeyDictionary[Dynamics, tuple[ParameterValues, str]] = WeakKeyDictionary()
         self._on_loaded = on_loaded
         self._on_new_robot = on_new_robot
         self._worker = worker or ThreadPoolExecutor(1, thread_name_prefix="robot")
@@ -220,7 +149,7 @@ class RobotSource:
             return ""
         warnings = [MASSLESS_WARNING] if self.is_massless(self._dynamics) else []
         warnings += self._dynamics.robot.payload_warnings
-        warnings += [objection] if (objection := self._payload_objections.get(self._dynamics)) else []
+        warnings += filter(None, [self._payloads[self._dynamics][1]])
         return f"robot {self.name!r}: {'; '.join(warnings)}" if warnings else ""
 
     def health(self) -> tuple[Level, str]:
@@ -276,36 +205,21 @@ class RobotSource:
         else:
             robot = read_robot(key.text, source=key.source, moving_base=key.moving_base, gravity=key.gravity)
             self._last_read = key, robot
-        settings, objection = self._replace_unsafe_payload(settings)
-        loaded = with_payload(with_locked_joints(robot, settings), settings)
-        self._payload_in_force = {name: value for name, value in settings.items() if name.startswith("payload.")}
+        payload, objection = payload_settings(settings), ""
+        if self._controls:
+            present = self._payloads[self._dynamics][0] if self._dynamics is not None else None
+            payload, objection = safe_payload(settings, present)
+        loaded = with_payload(with_locked_joints(robot, settings), payload)
         _ = loaded.warnings  # computed here, in the worker; strict and the log need them
         if settings["strict"]:
             loaded.raise_on_warnings()
         dynamics = Dynamics(loaded)
         if robot.is_massless:
             self._massless.add(dynamics)
-        if objection:
-            self._payload_objections[dynamics] = objection
+        self._payloads[dynamics] = payload, objection
         if self._on_loaded is not None:
             self._on_loaded(dynamics)
         return dynamics
-
-    def _replace_unsafe_payload(self, settings: ParameterValues) -> tuple[ParameterValues, str]:
-        """Return the settings with a payload that feedback may use, and what was changed; else an empty text."""
-        link = settings["payload.link"]
-        if not self._controls or not link:
-            return settings, ""
-        inertia = payload_inertia(settings)
-        reason = find_control_objection(link, inertia)
-        if not reason:
-            return settings, ""
-        if inertia.mass > 0 and not np.any(inertia.second_moments):
-            entries = symmetric_entries(point_mass(inertia.mass, inertia.first_moments).second_moments)
-            return {**settings, "payload.inertia": entries}, f"{reason}, which are used"
-        if self._payload_in_force is None:
-            raise InvalidInputError(f"parameters payload.*: {reason}")
-        return {**settings, **self._payload_in_force}, f"the payload before stays in force: {reason}"
 
     def _adopt(self, dynamics: Dynamics | None) -> None:
         self._dynamics = dynamics
@@ -316,7 +230,7 @@ class RobotSource:
         self.rejection_reason = ""
         logger = self._node.get_logger()
         robot = dynamics.robot
-        objection = self._payload_objections.get(dynamics)
+        objection = self._payloads[dynamics][1]
         link = self._node.get_parameter("payload.link").value
         mass = self._node.get_parameter("payload.mass").value
         payload = f"{mass} kg on {link!r}" if link else "no payload"
@@ -349,7 +263,7 @@ class RobotSource:
         refuse_startup_changes(PARAMETERS, parameters)
         settings = self._settings(changes)
         if settings["robot_file"] != self._node.get_parameter("robot_file").value:
-            _check_folder(settings["robot_file"], settings["robot_path"])
+            check_folder(settings["robot_file"], settings["robot_path"])
         return settings
 
     def _state_key(self, settings: ParameterValues) -> object:
@@ -441,70 +355,3 @@ def _unwrap(outcome: Outcome) -> Dynamics | None:
     if isinstance(outcome, Exception):
         raise outcome.with_traceback(None if isinstance(outcome, RobotDynamicsError) else outcome.__traceback__)
     return outcome
-
-
-def _check_folder(name: str, folders: Sequence[str]) -> None:
-    """Refuse a file that a running node must not read: whoever may set parameters could read it by error messages.
-
-    Parameters
-    ----------
-    name : path of a description, or name of a robot that ships.
-    folders : from parameter robot_path.
-
-    Raises
-    ------
-    DescriptionError
-        Whether the file exists or not, so that the message does not show which files exist.
-    """
-    if not name or name in shipped_robots():
-        return
-    prefixes = filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep))
-    allowed = [*map(Path, folders), *(Path(prefix) / "share" for prefix in prefixes)]
-    path = Path(name).resolve()
-    if not any(path.is_relative_to(folder.resolve()) for folder in allowed):
-        hint = "" if "/" in name else f" ({describe_unknown_name('robot', name, shipped_robots())})"
-        raise DescriptionError(
-            f"parameter robot_file is {name!r}{hint}: a running node reads robots that ship, and files in the "
-            f"folders of robot_path ({', '.join(folders) or 'empty'}) or of the share folders of ROS packages. Restart "
-            "the node with this file, set robot_path at its start, or publish the description on robot_description"
-        )
-
-
-def with_locked_joints(robot: Robot, settings: ParameterValues) -> Robot:
-    """Return the robot with the joints of the parameters locked; with an empty locked_joints, the robot itself."""
-    names: Sequence[str] = settings["locked_joints"]
-    positions: Sequence[float] = settings["locked_positions"]
-    if positions and len(positions) != len(names):
-        raise InvalidInputError(
-            f"parameter locked_positions has {len(positions)} numbers and locked_joints {len(names)} names: one "
-            "position for each joint is needed"
-        )
-    repeated = [name for name, count in Counter(names).items() if count > 1]
-    if repeated:
-        raise InvalidInputError(f"parameter locked_joints names {', '.join(map(repr, repeated))} more than once")
-    try:
-        robot = lock_joints(robot, dict(zip(names, positions or [0.0] * len(names), strict=True)))
-    except RobotDynamicsError as error:
-        raise InvalidInputError(f"parameter locked_joints: {error}") from None
-    return lock_massless_joints(robot) if settings["lock_massless"] else robot
-
-
-def payload_inertia(settings: ParameterValues) -> Inertia:
-    """Return the inertia of the payload of the parameters, in the frame of its link."""
-    second_moments = symmetric_matrix(*settings["payload.inertia"])
-    return Inertia(settings["payload.mass"], np.array(settings["payload.first_moments"]), second_moments)
-
-
-def with_payload(robot: Robot, settings: ParameterValues) -> Robot:
-    """Return the robot with the payload of the parameters; with an empty payload.link, the robot itself."""
-    for name in ("payload.first_moments", "payload.inertia"):
-        if np.abs(settings[name]).max() >= MAX_PAYLOAD:
-            raise InvalidInputError(
-                f"parameter {name} is {settings[name]}: magnitudes below {MAX_PAYLOAD:g} are needed"
-            )
-    if not settings["payload.link"]:
-        return robot
-    try:
-        return attach_payload(robot, settings["payload.link"], payload_inertia(settings))
-    except InvalidInputError as error:
-        raise InvalidInputError(f"parameter payload.link: {error}") from None

@@ -24,7 +24,9 @@ def test_objection_is_there_where_a_motion_of_the_payload_has_negative_energy(se
         smallest = np.linalg.eigvalsh(inertia.spatial)[0]  # twice the least kinetic energy of a unit twist
         objections.append(find_control_objection("tool", inertia))
         assert bool(objections[-1]) == bool(smallest < -1e-6)
-        assert not objections[-1] or objections[-1].startswith("payload on link 'tool': inertia is not positive definite")
+        assert not objections[-1] or objections[-1].startswith(
+            "payload on link 'tool': inertia is not positive definite"
+        )
     assert not objections[0]
     assert objections[-1]
 

@@ -54,7 +54,7 @@ from robot_dynamics.nodes.parameters import (
 )
 from robot_dynamics.nodes.publisher_names import describe_publishers
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
-from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
+from robot_dynamics.nodes.robot_parameters import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
 

@@ -42,7 +42,7 @@ from robot_dynamics.nodes.parameters import (
     validate_changes,
 )
 from robot_dynamics.nodes.qos import INPUT_STREAM_QOS
-from robot_dynamics.nodes.robot_source import PARAMETERS as ROBOT_PARAMETERS
+from robot_dynamics.nodes.robot_parameters import PARAMETERS as ROBOT_PARAMETERS
 from robot_dynamics.nodes.robot_source import RobotSource
 from robot_dynamics.nodes.runner import make_events_executor, run_node
 
