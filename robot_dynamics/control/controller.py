@@ -84,12 +84,14 @@ class Controller:
         self._active_regime: str | None = None  # what the efforts follow, without a transition
 
     def apply(self, settings: Settings) -> None:
-        """Use other settings; the efforts change without a jump.
+        """Use other settings; the efforts change without a jump. The same settings change nothing.
 
         Parameters
         ----------
         settings : Settings
         """
+        if settings.equals(self.settings):
+            return
         if settings.mode != self.settings.mode:
             self.watchdog.clear_latch()
         self.settings = settings
@@ -116,7 +118,7 @@ class Controller:
         """Return to the initial condition: no states, no reference, no efforts."""
         self.watchdog.clear_latch()
         self.watchdog.restart()
-        self._transfer.last_efforts[:] = 0.0
+        self._transfer.stop()
         self._last_fault = (-math.inf, -math.inf)
         self._source = None
         self._missing_reason = "no reference yet"
@@ -275,7 +277,7 @@ class Controller:
                 f"a collision was reported, and the reaction is {self.collision}: references are refused until it ends"
             )
 
-    def hold(self, now: float, measured: bool = False) -> None:
+    def hold(self, now: float, measured: bool = False, efforts: Array | None = None) -> None:
         """Stop the reference within `ramp_time` with a constant deceleration, and hold it there.
 
         During a fault the reference ends instead.
@@ -287,6 +289,8 @@ class Controller:
         measured : bool
             Stop from the position and velocity of the robot, without a jump of the efforts, not from those of the
             reference.
+        efforts : ndarray, shape (joints,), optional
+            With `measured`: efforts from which those of the stop depart; by default the last ones.
         """
         if self.watchdog.fault(now) or self.watchdog.last_state_time is None:
             self.follow(now, now, None)
@@ -294,6 +298,8 @@ class Controller:
         if measured:
             self._source = None
             self._active_regime = None
+            if efforts is not None:
+                self._transfer.depart_from(efforts)
         duration = self.settings.ramp_time
         present = self._present_point(now, np.zeros((3, len(self.law.joints))))
         stop = self.law.clip_to_limits(present[0] + 0.5 * duration * present[1])
@@ -330,14 +336,20 @@ class Controller:
         Raises
         ------
         InvalidInputError
-            The point is too old, or a position exceeds a limit. The reference before it remains.
+            The point is too old, or ahead of the clock by more than `reference_timeout`, or a position exceeds a limit.
+            The reference before it remains.
         """
         self._require_no_collision()
         lifetime = self.settings.reference_timeout
         if now - time > lifetime:
             raise InvalidInputError(f"the point is {now - time:.3f} s old, a point is valid for {lifetime:g} s")
+        if not time - now <= lifetime:
+            raise InvalidInputError(
+                f"the point is {time - now:.3f} s ahead of the clock, but a point is valid for {lifetime:g} s: "
+                "stamp it with the present time"
+            )
         self.law.check_within_limits(np.asarray(values)[:1])
-        self._set_source(now, ReferencePoint(time, values, lifetime))
+        self._set_source(now, ReferencePoint(time, values, min(time, now) + lifetime))
 
     def _set_source(self, now: float, source: ScheduledTrajectory | ReferencePoint) -> None:
         self._source = source

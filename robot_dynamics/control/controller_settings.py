@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from robot_dynamics.control.modes import REFERENCE
 from robot_dynamics.control.natural_adaptation import AdaptationSettings
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
     from robot_dynamics.control.modes import ControlMode, FrictionVelocity, NoReferenceAction
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Settings:
     """Settings of the controller of some joints.
 
@@ -55,3 +57,7 @@ class Settings:
     deadline_misses: int = 10
     friction_velocity: FrictionVelocity = REFERENCE
     adaptation: AdaptationSettings = field(default_factory=AdaptationSettings)
+
+    def equals(self, settings: Settings) -> bool:
+        """Whether other settings are the same."""
+        return all(np.array_equal(getattr(self, item.name), getattr(settings, item.name)) for item in fields(self))

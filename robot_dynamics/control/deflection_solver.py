@@ -133,12 +133,12 @@ class DeflectionSolver:
 
     def _advance_to(self, source: Reference, time: float) -> None:
         """Solve the equation until less than SOLUTION_STEP before a time, where dampers have a memory."""
-        reach = MEMORY_TIME_CONSTANTS * self._time_constants.max()
+        reach = min(MEMORY_TIME_CONSTANTS * self._time_constants.max(), MAX_HISTORY_STEPS * SOLUTION_STEP)
         if not reach:
             self._time = None
             return
         if self._time is None or not time - reach <= self._time <= time:
-            earliest = time - min(reach, MAX_HISTORY_STEPS * SOLUTION_STEP)
+            earliest = time - reach
             start = min(max(getattr(source, "start", earliest), earliest), time)
             self._time = None
             self._solve(source, start)

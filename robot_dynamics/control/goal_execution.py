@@ -81,10 +81,12 @@ class GoalExecution:
         self.outcome: Outcome | None = None
         self._source: ScheduledTrajectory | ReferencePoint | None = None
         self._is_first_step = True
+        self._efforts: Array | None = None  # before the tolerances were violated
 
-    def begin(self, source: ScheduledTrajectory | ReferencePoint | None) -> None:
+    def begin(self, controller: Controller) -> None:
         """Watch a trajectory that the controller has just begun to follow."""
-        self._source = source
+        self._source = controller.source
+        self._efforts = controller.last_efforts.copy()
 
     def step(self, controller: Controller, time: float) -> GoalProgress | None:
         """Check the goal after a step of the controller for a state of a time [s], and return its progress."""
@@ -103,6 +105,8 @@ class GoalExecution:
         self._is_first_step = False
         if self.outcome is None and time >= source.end:
             self._check_goal(controller, time, time - source.end, errors)
+        if self._efforts is not None and self.outcome is None:
+            np.copyto(self._efforts, controller.last_efforts)
         reference = controller.reference.copy()
         return GoalProgress(time - source.start, reference[:2], reference[2], measured)
 
@@ -146,8 +150,11 @@ class GoalExecution:
             self._stop(controller, time, ErrorCode.GOAL_TOLERANCE_VIOLATED, reason)
 
     def _stop(self, controller: Controller, time: float, code: ErrorCode, reason: str) -> None:
-        """End a goal that the robot does not follow, and hold the robot where it is."""
-        controller.hold(time, measured=True)
+        """End a goal that the robot does not follow, and hold the robot where it is.
+
+        The efforts depart from those before, because the last ones have pushed the robot towards a refused reference.
+        """
+        controller.hold(time, measured=True, efforts=self._efforts)
         self.abort(f"Aborted due to {reason}", code)
 
     def _hold(self, controller: Controller, now: float) -> None:

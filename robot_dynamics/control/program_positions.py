@@ -6,9 +6,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from robot_dynamics.constraints.topology import build_topology
+
 if TYPE_CHECKING:
     from robot_dynamics.array_types import Array, IntArray
     from robot_dynamics.dynamics import Dynamics
+
+
+LONGEST_WAY = 0.05
+"""Longest way of the independent joints [rad or characteristic lengths] on which no path is followed: at the end of a
+longer one Newton's method may find another assembly mode."""
 
 
 class ProgramPositions:
@@ -35,6 +42,8 @@ class ProgramPositions:
         numbers = {name: number for number, name in enumerate(dynamics.all_joint_names)}
         self._independent = [numbers[name] for name in dynamics.joint_names]
         self._dependent = [numbers[name] for name in dynamics.dependent_joint_names]
+        if self._has_loops:
+            self._units = build_topology(dynamics.robot).joint_units[self._independent]
         joint_count = len(dynamics.joint_names)
         self.indices: IntArray = np.array(self._independent) if self._has_loops else np.arange(joint_count)
         self.measured = np.full(len(dynamics.robot.joints), np.nan)
@@ -55,6 +64,8 @@ class ProgramPositions:
             return q
         is_known = np.isfinite(dependent_positions)
         self.measured[self._dependent] = np.where(is_known, dependent_positions, self.measured[self._dependent])
+        if is_known.any():  # the independent joints are not where they were, but where they are measured
+            self.measured[self._independent] = np.nan
         return self._close(q, self.measured)
 
     def at_reference(self, q: Array) -> Array:
@@ -78,6 +89,11 @@ class ProgramPositions:
 
     def _close(self, q: Array, seeds: Array) -> Array:
         """Positions (all joints,) for q (n,), closed from the seeds (all joints,), which they replace."""
-        seeds[self._independent] = q
-        seeds[:] = self._dynamics.expand_positions(seeds)
+        way = (np.abs(q - seeds[self._independent]) / self._units).max(initial=0.0)  # nan where nothing is known
+        if way > LONGEST_WAY:
+            seeds[:] = self._dynamics.expand_positions(q, previous=seeds)
+        else:
+            positions = seeds.copy()
+            positions[self._independent] = q
+            seeds[:] = self._dynamics.expand_positions(positions)
         return seeds

@@ -196,8 +196,8 @@ class ReferencePoint:
         Time of the point [s].
     values : array_like, shape (3, n)
         Positions, velocities, accelerations; zero where the point does not specify them.
-    lifetime : float
-        Duration [s] for which the point is valid.
+    end : float
+        Time until which the point is valid [s].
 
     Attributes
     ----------
@@ -205,9 +205,9 @@ class ReferencePoint:
         Times [s] between which the point is valid.
     """
 
-    def __init__(self, time: float, values: ArrayLike, lifetime: float) -> None:
+    def __init__(self, time: float, values: ArrayLike, end: float) -> None:
         self.start = time
-        self.end = time + lifetime
+        self.end = end
         self._values: Array = np.array(values, dtype=np.float64)
 
     def sample(self, time: float, out: Array) -> None:

@@ -75,7 +75,7 @@ class Watchdog:
 
     def record_latency(self, latency: float) -> None:
         """Record the time [s] from a state to its efforts."""
-        self._misses = self._misses + 1 if latency > self.deadline else 0
+        self._misses = 0 if latency <= self.deadline else self._misses + 1  # nan is late
 
     def check_clock(self, now: float) -> None:
         """Detect that the clock jumped back, or that the process stalled, at a time [s].

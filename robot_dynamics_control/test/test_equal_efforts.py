@@ -231,6 +231,26 @@ def test_first_closures_are_in_the_assembly_mode_of_the_description(name, seed):
     assert closed >= 6 and refused <= closed / 5
 
 
+@pytest.mark.parametrize("name", ["five_bar", "irb460", "sr400", "four_bar"])
+def test_state_far_away_and_back_leaves_the_assembly_mode(name):
+    """One wrong sample of an encoder: the efforts at the state before it are the same afterwards."""
+    dynamics = Dynamics(load(name))
+    law = ControlLaw(dynamics, actuated_joint_names(dynamics))
+    start = smooth_motion(law, 0.0, count=1)[0][0]
+    script = Script()
+    write_settings(script, law, np.zeros(len(law.joints)), np.zeros(len(law.joints)))
+    for number, jump in enumerate(np.random.default_rng(0).uniform(-1.2, 1.2, (60, len(start)))):
+        for time, q in ((number, start + jump), (number + 0.5, start)):
+            script.add("q", q)
+            script.add("step", *[float(time)] * 3)
+    sent = script.play(name, sanitized=True)[1:]
+    assert sum(not result.fault for result in sent[::2]) >= 6
+    expected = dynamics.gravity(start)
+    sent_again = [result.efforts for result in sent[1::2] if not result.fault]
+    assert len(sent_again) == 60
+    np.testing.assert_allclose(sent_again, np.tile(expected, (60, 1)), rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
 @pytest.mark.parametrize("name", ["manutec_r3", "slow_springs", "loaded_springs"])
 @pytest.mark.parametrize("is_measured", [True, False])
 def test_efforts_through_springs_are_equal(name, is_measured):

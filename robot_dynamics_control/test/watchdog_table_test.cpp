@@ -178,7 +178,7 @@ void state_with_a_stamp_ahead_of_the_clock()
             const double stamp = robot.now + ahead;
             robot.law.step(robot.now, is_published ? robot.now : stamp, is_published ? stamp : robot.now);
             CHECK(robot.law.fault() == Fault::rejected);
-            CHECK(contains(robot.law.describe_fault(), "ahead of the clock"));
+            CHECK(contains(robot.law.describe_fault(), std::isfinite(ahead) ? "ahead of the clock" : "is not finite"));
             robot.tick(0.2);
             CHECK(robot.is_zero() && robot.law.fault() == Fault::stale);
             robot.run(0.11);
@@ -189,6 +189,91 @@ void state_with_a_stamp_ahead_of_the_clock()
     robot.run(0.2);
     robot.law.step(robot.now, robot.now + 0.019, robot.now + 0.019);
     CHECK(robot.has_state_of_rest());
+}
+
+void state_that_was_measured_too_long_ago()
+{
+    Robot robot;
+    robot.run(0.2);
+    robot.law.step(robot.now, robot.now - 0.021, robot.now);
+    CHECK(robot.law.fault() == Fault::rejected);
+    CHECK(contains(robot.law.describe_fault(), "measured more than state_timeout ago"));
+    robot.run(0.11);
+    CHECK(robot.has_state_of_rest());
+    robot.law.step(robot.now, robot.now - 0.019, robot.now);
+    CHECK(robot.has_state_of_rest());
+}
+
+void clock_steps_back_a_little()
+{
+    Robot robot;
+    robot.run(0.2);
+    const double sent = robot.effort();
+    robot.law.reject_state(robot.now, "a test");
+    CHECK(near(robot.effort(), sent, 1e-3 * std::abs(sent)));
+    robot.law.reject_state(robot.now - 1e-4, "a test"); // another thread has read the clock before
+    CHECK(near(robot.effort(), sent, 1e-3 * std::abs(sent)));
+}
+
+void every_second_state_is_invalid()
+{
+    Robot robot;
+    robot.run(0.2);
+    double before = robot.effort();
+    for (int count = 0; count < 1000; ++count) {
+        robot.now += cycle;
+        if (count % 2 == 0) {
+            robot.law.reject_state(robot.now, "a test");
+        } else {
+            robot.law.step(robot.now);
+        }
+        CHECK(near(robot.effort(), before, 0.011 * std::abs(before)));
+        before = robot.effort();
+    }
+    CHECK(std::abs(before) < 0.3); // 0.99 to the power of 500, of 32 N m
+    robot.run(0.11);
+    CHECK(robot.has_state_of_rest());
+}
+
+void settings_and_payload_are_passed_in_every_cycle()
+{
+    Robot robot;
+    Robot expected;
+    robot.run(0.05);
+    expected.run(0.05);
+    for (int count = 0; count < 200; ++count) {
+        CHECK(robot.law.apply(robot.law.settings()));
+        robot.run(cycle);
+        expected.run(cycle);
+        CHECK(robot.effort() == expected.effort());
+    }
+    Settings settings = robot.law.settings();
+    settings.limits[0] = -1.0;
+    CHECK(!robot.law.apply(settings));
+}
+
+void law_without_a_model()
+{
+    Law law;
+    CHECK(law.step(1.0).empty());
+    CHECK(contains(law.describe_fault(), "not configured"));
+}
+
+void late_efforts_for_ever()
+{
+    Watchdog watchdog;
+    watchdog.set(0.02, 0.005, std::numeric_limits<int>::max());
+    for (int count = 0; count < 3; ++count) {
+        watchdog.record_latency(std::numeric_limits<double>::quiet_NaN());
+    }
+    watchdog.set(0.02, 0.005, 3);
+    watchdog.check_clock(1.0);
+    watchdog.accept_state(1.0);
+    CHECK(watchdog.fault(1.0) == Fault::late);
+    watchdog.record_latency(1.0);
+    CHECK(watchdog.fault(1.0) == Fault::late);
+    watchdog.record_latency(0.004);
+    CHECK(watchdog.fault(1.0) == Fault::none);
 }
 
 void clock_that_is_not_finite()
@@ -357,6 +442,11 @@ void reference_that_is_wrong()
         == PointResult::not_finite);
     CHECK(robot.law.track_point(robot.now, robot.now, {{zeros, 6}, {zeros, 7}, {zeros, 7}}) == PointResult::wrong_size);
     CHECK(robot.law.track_point(robot.now, robot.now - 0.2, {{q, 7}, {zeros, 7}, {zeros, 7}}) == PointResult::too_old);
+    CHECK(robot.law.track_point(robot.now, robot.now + 0.2, {{q, 7}, {zeros, 7}, {zeros, 7}}) == PointResult::ahead);
+    for (const double bad : {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::quiet_NaN()}) {
+        CHECK(robot.law.track_point(robot.now, bad, {{q, 7}, {zeros, 7}, {zeros, 7}}) == PointResult::not_finite);
+        CHECK(robot.law.track_point(-bad, robot.now, {{q, 7}, {zeros, 7}, {zeros, 7}}) == PointResult::not_finite);
+    }
     robot.run(cycle);
     CHECK(robot.law.activity() == Activity::computed_torque); // the previous reference continues
     CHECK(near(robot.law.reference().positions[1], q[1] + 0.1));
@@ -419,6 +509,12 @@ int main()
     state_that_is_not_finite_or_incomplete();
     state_with_an_old_stamp_or_a_long_transit();
     state_with_a_stamp_ahead_of_the_clock();
+    state_that_was_measured_too_long_ago();
+    clock_steps_back_a_little();
+    every_second_state_is_invalid();
+    settings_and_payload_are_passed_in_every_cycle();
+    law_without_a_model();
+    late_efforts_for_ever();
     clock_that_is_not_finite();
     program_stalls_or_its_clock_jumps_ahead();
     clock_jumps_back();

@@ -179,13 +179,12 @@ def test_adaptation_freezes(cause, reason):
     moving_reference(controller, 0.0)
     now = run_steps(controller, 200)
     if cause == "saturated":
-        controller.settings = replace(controller.settings, limits=np.full(6, 0.1))
-        controller.apply(controller.settings)
+        controller.apply(replace(controller.settings, limits=np.full(6, 0.1)))
         now = run_steps(controller, 1, now)
     elif cause == "dead zone":
         controller.settings = replace(controller.settings, adaptation=AdaptationSettings(dead_zone=100.0))
     elif cause == "transition":
-        controller.apply(controller.settings)
+        controller.apply(replace(controller.settings, ramp_time=0.11))
     elif cause == "no reference":
         now = run_steps(controller, 400, now)
     elif cause == "other mode":

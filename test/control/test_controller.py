@@ -378,6 +378,9 @@ def test_trajectory_that_starts_later_is_reached_from_the_present_position():
         controller.follow_trajectory(1.3, 0.0, [0.0, 1.0], np.zeros((3, 2, 2)))
     with pytest.raises(InvalidInputError, match=r"0.500 s old"):
         controller.track_point(1.5, 1.0, np.zeros((3, 2)))
+    for ahead in (0.11, 3600.0, np.inf):
+        with pytest.raises(InvalidInputError, match=r"ahead of the clock, but a point is valid for 0\.1 s"):
+            controller.track_point(1.5, 1.5 + ahead, np.zeros((3, 2)))
     assert controller.no_reference_reason == ""
     controller.follow_trajectory(1.3, 1.3, [], np.zeros((3, 0, 2)))
     assert controller.no_reference_reason == "the reference was ended"

@@ -18,7 +18,7 @@ def begin(controller, path=0.0, goal=0.0, goal_time=0.0, stopped_velocity=0.0):
     points = np.array([[START, GOAL], np.zeros((2, 2)), np.zeros((2, 2))])
     controller.follow_trajectory(0.3, 0.3, [0.0, DURATION], points)
     execution = GoalExecution(GoalTolerances.from_defaults([path] * 2, [goal] * 2, stopped_velocity, goal_time))
-    execution.begin(controller.source)
+    execution.begin(controller)
     return execution
 
 
@@ -79,9 +79,24 @@ def test_first_sample_is_checked_also_where_the_trajectory_has_one_point():
     run(controller, 0, 0.3)
     controller.follow_trajectory(0.3, 0.3, [0.0], np.array([[GOAL], [[0, 0]], [[0, 0]]]))
     execution = GoalExecution(GoalTolerances.from_defaults([0.1, 0.1], [0.0, 0.0], 0.0, 0.0))
-    execution.begin(controller.source)
+    execution.begin(controller)
     follow(controller, execution, 0.4, positions=START)
     assert execution.outcome.code == ErrorCode.PATH_TOLERANCE_VIOLATED
+
+
+def test_refused_point_pushes_the_robot_for_one_sample_and_not_for_ramp_time():
+    controller = make_controller(limits=np.full(2, np.inf))
+    controller.follow_trajectory(0.0, 0.0, [0.0], np.array([[START], [[0, 0]], [[0, 0]]]))
+    run_in_place(controller, 0.0, 0.3)
+    before = controller.last_efforts.copy()
+    controller.follow_trajectory(0.3, 0.3, [0.0], np.array([[GOAL], [[0, 0]], [[0, 0]]]))
+    execution = GoalExecution(GoalTolerances.from_defaults([0.1, 0.1], [0.0, 0.0], 0.0, 0.0))
+    execution.begin(controller)
+    sent, ended = follow(controller, execution, 0.4, positions=START)
+    assert execution.outcome.code == ErrorCode.PATH_TOLERANCE_VIOLATED
+    after, _ = run_in_place(controller, ended + MS, ended + 0.3)
+    assert np.abs(sent[-1] - before).max() > 1.0
+    np.testing.assert_allclose(after, np.tile(before, (len(after), 1)), atol=1e-9)
 
 
 def test_goal_time_begins_at_the_end_and_zero_is_no_limit():

@@ -75,7 +75,7 @@ def test_threads_are_let_go_on_while_a_long_trajectory_is_prepared():
 
 
 def test_reference_point_continues_with_its_derivatives():
-    point = ReferencePoint(10.0, [[1.0], [2.0], [3.0]], lifetime=0.5)
+    point = ReferencePoint(10.0, [[1.0], [2.0], [3.0]], end=10.5)
     np.testing.assert_allclose(sampled(point, 10.2, 1), [[1 + 0.4 + 0.06], [2.6], [3]])
     assert point.end == 10.5
 

@@ -382,7 +382,7 @@ def test_stream_of_points_moves_the_motor_as_a_trajectory_without_jerk():
     samples, values = [], np.zeros((3, 1))
     for time in np.arange(0.0, 1.5, 0.001):
         swing.sample(time, values)
-        for law, source, reference in zip(laws, (swing, ReferencePoint(time, values, 0.1)), pair, strict=True):
+        for law, source, reference in zip(laws, (swing, ReferencePoint(time, values, time + 0.1)), pair, strict=True):
             law.sample_reference(source, time, reference)
         samples.append([law._link_side.solver.motion[:, 0].copy() for law in laws])
     samples = np.array(samples[400:])

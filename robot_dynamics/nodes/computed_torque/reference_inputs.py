@@ -84,7 +84,7 @@ class ReferenceInputs:
                 goal.abort("Current goal preempted by another reference.")
                 return
             assert read.loop is not None, "a goal is read for a loop"
-            goal.begin(read.loop.controller.source)
+            goal.begin(read.loop.controller)
         except Exception as error:
             goal.abort(failure_reason(self._logger, error))
 

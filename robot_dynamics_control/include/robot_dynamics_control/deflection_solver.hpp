@@ -183,14 +183,13 @@ private:
     template <typename Solve>
     bool advance_to(double start, double time, Solve solve_at) noexcept
     {
-        const double reach = memory_time_constants * longest_memory_;
+        const double reach = std::min(memory_time_constants * longest_memory_, max_history_steps * solution_step);
         if (reach == 0.0) {
             forget();
             return true;
         }
         if (!time_ || !(time - reach <= *time_ && *time_ <= time)) {
-            const double earliest = time - std::min(reach, max_history_steps * solution_step);
-            const double begin = std::min(std::max(start, earliest), time);
+            const double begin = std::min(std::max(start, time - reach), time);
             forget();
             if (!solve_at(begin)) {
                 return false;

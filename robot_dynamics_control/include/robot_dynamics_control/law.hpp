@@ -28,7 +28,8 @@ enum class PointResult {
     wrong_size,
     not_finite,
     too_old,
-    beyond_limits ///< of a position: Law::offending_joint says of which joint
+    beyond_limits, ///< of a position: Law::offending_joint says of which joint
+    ahead ///< of the clock by more than reference_timeout
 };
 
 /// Why there is no reference.
@@ -101,13 +102,20 @@ public:
 
     /// Use other settings; the efforts change without a jump. Check them by `find_objection` before, outside the loop.
     ///
-    /// Returns false, and changes nothing, where an array has not one number for each controlled joint.
+    /// Returns false, and changes nothing, where an array has not one number for each controlled joint, or a limit is
+    /// negative or no number.
     bool apply(const Settings& settings) noexcept
     {
         for (const auto* values : {&settings.kp, &settings.kd, &settings.limits}) {
             if (values->size() != law_.size()) {
                 return false;
             }
+        }
+        if (!std::all_of(settings.limits.begin(), settings.limits.end(), [](double limit) { return limit >= 0.0; })) {
+            return false;
+        }
+        if (settings == settings_) {
+            return true;
         }
         if (settings.mode != settings_.mode) {
             watchdog_.clear_latch();
@@ -126,8 +134,10 @@ public:
         if (!law_.model().is_bound() || !law_.model().has_payload() || *find_objection_to_payload(inertia) != '\0') {
             return false;
         }
-        std::copy(inertia.begin(), inertia.end(), law_.payload().begin());
-        regime_ = Activity::none;
+        if (!std::equal(inertia.begin(), inertia.end(), law_.payload().begin())) {
+            std::copy(inertia.begin(), inertia.end(), law_.payload().begin());
+            regime_ = Activity::none;
+        }
         return true;
     }
 
@@ -201,8 +211,15 @@ public:
                 return PointResult::not_finite;
             }
         }
-        if (!(now - time <= settings_.reference_timeout)) {
+        if (!std::isfinite(now) || !std::isfinite(time)) {
+            offending_joint_ = size();
+            return PointResult::not_finite;
+        }
+        if (now - time > settings_.reference_timeout) {
             return PointResult::too_old;
+        }
+        if (time - now > settings_.reference_timeout) {
+            return PointResult::ahead;
         }
         for (std::size_t i = 0; i < size(); ++i) {
             const robot_dynamics_joint& joint = law_.model().joint(law_.joint_index(i));
@@ -212,7 +229,7 @@ public:
                 return PointResult::beyond_limits;
             }
         }
-        point_.set(time, time + settings_.reference_timeout, point);
+        point_.set(time, std::min(time, now) + settings_.reference_timeout, point);
         reference_time_ = now;
         no_reference_ = NoReference::none;
         watchdog_.clear_latch();
@@ -225,16 +242,29 @@ public:
     /// Efforts for the state in the buffers of the control law.
     Numbers step(double now) noexcept { return step(now, now, now); }
 
-    /// Efforts for the state in the buffers of the control law, which was measured and published at two times [s].
+    /// Efforts for the state in the buffers of the control law.
+    ///
+    /// now: the present time [s]. time: when the state was measured; the reference is sampled there. published: when it
+    /// left its sender; the watchdog takes it as the time of the state. A state that was measured more than
+    /// state_timeout ago, or is ahead of the clock by more than that, is rejected.
     Numbers step(double now, double time, double published) noexcept
     {
+        if (!law_.model().is_bound()) {
+            return halt("the law has no model: it was not configured");
+        }
         const ControlLaw& law = law_;
         const char* objection = find_objection_to_state(law);
         if (*objection != '\0') {
             return reject_state(now, objection);
         }
-        if (!(time - now <= settings_.state_timeout && published - now <= settings_.state_timeout)) {
+        if (!std::isfinite(time) || !std::isfinite(published)) {
+            return reject_state(now, "a time of the state is not finite");
+        }
+        if (std::max(time, published) - now > settings_.state_timeout) {
             return reject_state(now, "the state is ahead of the clock by more than state_timeout");
+        }
+        if (now - time > settings_.state_timeout) {
+            return reject_state(now, "the state was measured more than state_timeout ago");
         }
         watchdog_.check_clock(now);
         watchdog_.accept_state(published);

@@ -17,7 +17,9 @@ namespace robot_dynamics_control {
 /// Closes the loops of a robot from call to call by Newton's method, so that it stays in its assembly mode.
 ///
 /// The first call, without measured positions of the joints that depend on others, follows a straight path from the
-/// reference positions of the model. It takes as long as some hundred steps; later calls take two or three.
+/// reference positions of the model. It takes as long as some hundred steps; later calls take two or three. Where the
+/// joints of the state have moved far since the last call, the path is followed from there, because Newton's method may end
+/// in another assembly mode.
 class LoopClosure {
 public:
     /// Residual [characteristic lengths, rad] at which a loop is closed.
@@ -31,6 +33,8 @@ public:
     /// Strides of the path from the reference positions: the second one is tried where the first one fails.
     static constexpr double strides[] = {0.05, 0.01};
     static constexpr std::size_t max_strides = 700;
+    /// Longest way of the joints of the state [rad or characteristic lengths] on which no path is followed.
+    static constexpr double longest_way = 0.05;
     /// Part of a stride by which its end may deviate from the continuation of the last one, and a further deviation: a
     /// larger one means that the path bends, or has reached another branch.
     static constexpr double max_relative_deviation = 0.4;
@@ -54,7 +58,7 @@ public:
         }
         const std::size_t variables = loops_->variable_count;
         const std::size_t dependents = loops_->dependent_count;
-        for (auto* values : {&variables_, &trial_, &before_, &predicted_, &increment_}) {
+        for (auto* values : {&variables_, &start_, &trial_, &before_, &predicted_, &increment_}) {
             values->assign(variables, 0.0);
         }
         for (auto* values : {&step_, &trial_step_, &pivots_, &squared_norms_}) {
@@ -71,15 +75,23 @@ public:
         std::fill(seed.begin(), seed.end(), std::numeric_limits<double>::quiet_NaN());
     }
 
-    /// Enter measured positions of the dependent joints into a seed; those that are not finite are unknown.
+    /// Enter measured positions of the dependent joints into a seed; those that are not finite are unknown. The joints of
+    /// the state are then where they are measured too, not where they were.
     void enter_dependent(Numbers dependent, MutableNumbers seed) noexcept
     {
+        bool is_measured = false;
         for (std::size_t position = 0; position < position_count_; ++position) {
             const robot_dynamics_position& row = loops_->positions[position];
             for (std::size_t k = 0; k < loops_->dependent_count; ++k) {
                 if (row.variable == loops_->dependent[k] && std::isfinite(dependent[k])) {
                     seed[position] = row.multiplier * dependent[k] + row.offset;
+                    is_measured = true;
                 }
+            }
+        }
+        for (std::size_t position = 0; is_measured && position < position_count_; ++position) {
+            if (is_of_state(position)) {
+                seed[position] = std::numeric_limits<double>::quiet_NaN();
             }
         }
     }
@@ -91,7 +103,7 @@ public:
     bool close(Numbers q, MutableNumbers positions) noexcept
     {
         const bool has_seed = read_seed(positions);
-        if (!(has_seed ? close_near(q) : close_from_reference(q))) {
+        if (!(has_seed ? close_near(q, positions) : close_from_reference(q))) {
             return false;
         }
         for (std::size_t position = 0; position < position_count_; ++position) {
@@ -130,8 +142,26 @@ private:
         }
     }
 
-    bool close_near(Numbers q) noexcept
+    /// Whether a position is that of a joint of the state, or follows it.
+    bool is_of_state(std::size_t position) const noexcept
     {
+        const std::uint32_t* end = loops_->independent + joint_count_;
+        return std::find(loops_->independent, end, loops_->positions[position].variable) != end;
+    }
+
+    /// Close the loops near the variables, which are those of positions; far from them along a straight path.
+    bool close_near(Numbers q, Numbers positions) noexcept
+    {
+        bool is_known = true;
+        for (std::size_t position = 0; position < position_count_; ++position) {
+            is_known = is_known && (std::isfinite(positions[position]) || !is_of_state(position));
+        }
+        start_ = variables_; // of the same size: nothing is allocated
+        set_target(q);
+        if (is_known && way_to_target() > longest_way) {
+            evaluate(variables_, step_);
+            return follow_path_to(q, determinant_is_positive());
+        }
         set_independent(q);
         return iterate(max_iterations) && is_regular();
     }
@@ -139,9 +169,15 @@ private:
     /// Close the loops in the assembly mode of the reference positions, along a straight path from there.
     bool close_from_reference(Numbers q) noexcept
     {
+        std::copy(loops_->reference, loops_->reference + loops_->variable_count, start_.begin());
         set_target(q);
+        return follow_path_to(q, true);
+    }
+
+    bool follow_path_to(Numbers q, bool is_positive) noexcept
+    {
         for (const double stride : strides) {
-            if (follow_path(stride)) {
+            if (follow_path(stride, is_positive)) {
                 set_independent(q); // whole turns change nothing
                 return true;
             }
@@ -149,33 +185,41 @@ private:
         return false;
     }
 
-    /// The end of the path: without whole turns of joints that may turn, unless limits tell turns apart.
+    /// The end of the path from the start: without whole turns of joints that may turn, unless limits tell turns apart.
     void set_target(Numbers q) noexcept
     {
         constexpr double turn = 6.283185307179586;
         for (std::size_t k = 0; k < joint_count_; ++k) {
-            const double reference = loops_->reference[loops_->independent[k]];
-            target_[k] = loops_->motion[k] == ROBOT_DYNAMICS_MOVES_NO_LOOP ? reference : q[k];
+            const double start = start_[loops_->independent[k]];
+            target_[k] = loops_->motion[k] == ROBOT_DYNAMICS_MOVES_NO_LOOP ? start : q[k];
             if (loops_->motion[k] == ROBOT_DYNAMICS_MOVES_LOOPS_PERIODICALLY) {
                 const double lower = joints_[k].lower;
                 const double upper = joints_[k].upper;
-                const bool is_limited = std::isfinite(upper - lower) && lower <= reference && reference <= upper;
+                const bool is_limited = std::isfinite(upper - lower) && lower <= start && start <= upper;
                 if (!is_limited || q[k] < lower || q[k] > upper) {
-                    target_[k] = q[k] - turn * std::nearbyint((q[k] - reference) / turn);
+                    target_[k] = q[k] - turn * std::nearbyint((q[k] - start) / turn);
                 }
             }
         }
     }
 
-    /// Follow the path in strides; whether the loops close, are regular and stay in the assembly mode all along.
-    bool follow_path(double stride) noexcept
+    /// Length of the path from the start to the target [rad or characteristic lengths].
+    double way_to_target() const noexcept
     {
-        std::copy(loops_->reference, loops_->reference + loops_->variable_count, variables_.begin());
         double length = 0.0;
         for (std::size_t k = 0; k < joint_count_; ++k) {
             const std::size_t variable = loops_->independent[k];
-            length = std::max(length, std::abs(target_[k] - variables_[variable]) / loops_->units[variable]);
+            length = std::max(length, std::abs(target_[k] - start_[variable]) / loops_->units[variable]);
         }
+        return length;
+    }
+
+    /// Follow the path from the start in strides; whether the loops close, are regular, and stay in the assembly mode, whose
+    /// determinant is positive or not, all along.
+    bool follow_path(double stride, bool is_positive) noexcept
+    {
+        variables_ = start_;
+        const double length = way_to_target();
         if (!(length <= stride * static_cast<double>(max_strides))) {
             return false;
         }
@@ -183,7 +227,7 @@ private:
         std::copy(variables_.begin(), variables_.end(), before_.begin());
         for (std::size_t number = 1; number <= count; ++number) {
             continue_stride(static_cast<double>(number) / static_cast<double>(count));
-            if (!iterate(max_iterations) || !is_regular() || !determinant_is_positive()) {
+            if (!iterate(max_iterations) || !is_regular() || determinant_is_positive() != is_positive) {
                 return false;
             }
             if (number > 1 && deviates()) { // the first stride continues none
@@ -202,8 +246,8 @@ private:
             before_[k] = present;
         }
         for (std::size_t k = 0; k < joint_count_; ++k) {
-            const double reference = loops_->reference[loops_->independent[k]];
-            variables_[loops_->independent[k]] = reference + part * (target_[k] - reference);
+            const double start = start_[loops_->independent[k]];
+            variables_[loops_->independent[k]] = start + part * (target_[k] - start);
         }
         std::copy(variables_.begin(), variables_.end(), predicted_.begin());
     }
@@ -357,6 +401,7 @@ private:
     std::vector<double> predicted_;
     std::vector<double> increment_;
     std::vector<double> target_;
+    std::vector<double> start_;
     std::vector<double> residual_;
     std::vector<double> step_;
     std::vector<double> trial_step_;

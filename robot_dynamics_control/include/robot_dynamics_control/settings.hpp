@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <initializer_list>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -30,6 +31,16 @@ struct Settings {
     int deadline_misses = 10; ///< number of late efforts in a row that are a fault
     FrictionVelocity friction_velocity = FrictionVelocity::reference;
 };
+
+inline bool operator==(const Settings& a, const Settings& b)
+{
+    const auto members = [](const Settings& settings) {
+        return std::tie(settings.mode, settings.kp, settings.kd, settings.limits, settings.without_reference,
+            settings.state_timeout, settings.reference_timeout, settings.ramp_time, settings.deadline,
+            settings.deadline_misses, settings.friction_velocity);
+    };
+    return members(a) == members(b);
+}
 
 /// What is wrong with settings of `size` joints whose arrays are complete; empty where nothing is.
 inline std::string find_objection(const Settings& settings, std::size_t size)

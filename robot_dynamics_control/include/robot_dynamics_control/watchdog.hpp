@@ -95,7 +95,11 @@ public:
     }
 
     /// Record the time [s] from a state to its efforts.
-    void record_latency(double latency) noexcept { misses_ = latency > deadline_ ? misses_ + 1 : 0; }
+    void record_latency(double latency) noexcept
+    {
+        const bool is_in_time = latency <= deadline_; // nan is not
+        misses_ = is_in_time ? 0 : std::min(misses_ + 1, max_misses_);
+    }
 
     /// Detect that the clock jumped back, or that the program stalled, at a time.
     ///

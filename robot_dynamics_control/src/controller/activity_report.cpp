@@ -25,6 +25,7 @@ const char* describe(PointResult result)
     case PointResult::wrong_size: return "it has not one number for each joint";
     case PointResult::not_finite: return "it has a number that is not finite";
     case PointResult::too_old: return "it is older than reference_timeout";
+    case PointResult::ahead: return "it is ahead of the clock by more than reference_timeout";
     case PointResult::beyond_limits: return "a position is beyond the limits of the robot's description";
     }
     return "";

@@ -56,13 +56,27 @@ CallbackReturn ComputedTorqueController::on_init()
 CallbackReturn ComputedTorqueController::on_configure(const rclcpp_lifecycle::State&)
 {
     release();
-    const std::lock_guard<std::mutex> lock(configuration_mutex_);
-    parameters_ = parameter_listener_->get_params();
-    const std::string error = configure_law();
-    if (!error.empty()) {
-        RCLCPP_ERROR(get_node()->get_logger(), "%s", error.c_str());
-        return CallbackReturn::ERROR;
+    // who sets parameters holds the lock of the node while the callbacks take that of the configuration: outside of them
+    // the lock of the node is never taken inside the other one
+    const std::vector<rclcpp::Parameter> checked = get_node()->get_parameters(checked_parameters);
+    {
+        const std::lock_guard<std::mutex> lock(configuration_mutex_);
+        parameters_ = parameter_listener_->get_params();
+        const std::string error = configure_law(checked);
+        if (!error.empty()) {
+            RCLCPP_ERROR(get_node()->get_logger(), "%s", error.c_str());
+            return CallbackReturn::ERROR;
+        }
+        prepare();
     }
+    watch_parameters();
+    const std::lock_guard<std::mutex> lock(configuration_mutex_);
+    write_inputs(); // once more: parameters may have changed in between
+    return CallbackReturn::SUCCESS;
+}
+
+void ComputedTorqueController::prepare()
+{
     const ControlLaw& law = law_.control_law();
     for (auto* values : {&positions_, &velocities_, &accelerations_}) {
         values->assign(law.size(), 0.0);
@@ -71,7 +85,6 @@ CallbackReturn ComputedTorqueController::on_configure(const rclcpp_lifecycle::St
     reference_revision_ = received_points_ = 0;
     written_revision_ = input_revision_ = 0;
     write_inputs();
-    watch_parameters();
     report_.restart();
     report_timer_ = get_node()->create_wall_timer(report_period, [this] {
         const std::lock_guard<std::mutex> timer_lock(configuration_mutex_);
@@ -80,7 +93,9 @@ CallbackReturn ComputedTorqueController::on_configure(const rclcpp_lifecycle::St
     point_subscription_ = get_node()->create_subscription<JointTrajectory>(
         "~/reference_point", rclcpp::SensorDataQoS(), [this](const JointTrajectory& message) {
             const std::lock_guard<std::mutex> point_lock(configuration_mutex_);
-            on_reference_point(message);
+            if (is_configured()) {
+                on_reference_point(message);
+            }
         });
     if (parameters_.state_rate > 0.0) {
         state_publisher_ = std::make_unique<ControllerStatePublisher>(*get_node(), law, parameters_.state_rate);
@@ -89,10 +104,9 @@ CallbackReturn ComputedTorqueController::on_configure(const rclcpp_lifecycle::St
     deactivated_at_.reset();
     RCLCPP_INFO(get_node()->get_logger(), "robot '%s', %zu joints, model by %s", law.model().robot().c_str(),
         law.size(), law.model().table().generator);
-    return CallbackReturn::SUCCESS;
 }
 
-std::string ComputedTorqueController::configure_law()
+std::string ComputedTorqueController::configure_law(const std::vector<rclcpp::Parameter>& checked)
 {
     std::string error = library_.open(parameters_.model_library);
     if (!error.empty()) {
@@ -107,7 +121,7 @@ std::string ComputedTorqueController::configure_law()
     if (!error.empty()) {
         return error;
     }
-    for (const rclcpp::Parameter& parameter : get_node()->get_parameters(checked_parameters)) {
+    for (const rclcpp::Parameter& parameter : checked) {
         error = find_objection_to_parameter(parameter, law, get_update_rate());
         if (!error.empty()) {
             return error;
@@ -127,7 +141,7 @@ void ComputedTorqueController::watch_parameters()
         const std::lock_guard<std::mutex> lock(configuration_mutex_);
         rcl_interfaces::msg::SetParametersResult result;
         for (const rclcpp::Parameter& parameter : parameters) {
-            if (is_checked(parameter.get_name()) && result.reason.empty()) {
+            if (is_configured() && is_checked(parameter.get_name()) && result.reason.empty()) {
                 result.reason = find_objection_to_parameter(parameter, law_.control_law(), get_update_rate());
             }
         }
@@ -136,7 +150,9 @@ void ComputedTorqueController::watch_parameters()
     });
     post_set_parameters_ = get_node()->add_post_set_parameters_callback([this](const auto&) {
         const std::lock_guard<std::mutex> lock(configuration_mutex_);
-        write_inputs();
+        if (is_configured()) { // otherwise it was released while this callback waited
+            write_inputs();
+        }
     });
 }
 

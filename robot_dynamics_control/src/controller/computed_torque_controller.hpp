@@ -53,7 +53,9 @@ protected:
 private:
     using JointTrajectory = trajectory_msgs::msg::JointTrajectory;
 
-    std::string configure_law();
+    bool is_configured() const { return law_.size() > 0; }
+    std::string configure_law(const std::vector<rclcpp::Parameter>& checked);
+    void prepare();
     void watch_parameters();
     void write_inputs();
     void on_reference_point(const JointTrajectory& message);
