@@ -81,6 +81,7 @@ def run(arguments: Namespace) -> None:
     from robot_dynamics.motions.effort_model import EffortModel
     from robot_dynamics.motions.motion_cost import compute_motion_cost
     from robot_dynamics.motions.retiming import retime
+    from robot_dynamics.motions.sampled_motion import describe_contradictions
 
     model = EffortModel(dynamics, recording.drives)
     limits = find_actuator_limits(dynamics.robot, recording.drives)
@@ -90,6 +91,9 @@ def run(arguments: Namespace) -> None:
     print(
         f"{arguments.motion} of {dynamics.robot.name!r}: {len(motion.times)} samples, {cost.duration:.4g} s, {source}"
     )
+    if motion.cutoff is None:
+        for sentence in describe_contradictions(motion, dynamics.joint_names):
+            print(f"  note: {sentence}")
     print_cost(cost)
     print(f"\n{describe_time_scale(cost)}")
     retimed = None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from itertools import pairwise
+from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from robot_dynamics.recordings.recording import Recording
 
 KINDS = ("position", "velocity", "acceleration")
+MAX_CONTRADICTION = 0.2
+"""Part of the changes of a signal by which they may differ from the integral of its rate: coarse samples do."""
 SPLINE_DEGREE = 5
 """Of the spline through planned positions: its acceleration has two continuous derivatives."""
 
@@ -80,15 +84,17 @@ def planned_motion(path: Path, joint_names: Sequence[str], interpolate: bool = F
     columns = ["time", *(f"{name}.{kind}" for kind in kinds for name in joint_names)]
     if not set(columns) <= set(header):
         return None
-    try:
-        table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except ValueError as error:
-        raise RecordingError(f"{path}: {error}: rows of numbers are needed") from None
-    if table.shape[1] != len(header):
-        raise RecordingError(f"{path}: rows have {table.shape[1]} numbers, and the header {len(header)} names")
+    table = _read_numbers(path, header)
     times, *values = (table[:, header.index(column)] for column in columns)
-    if len(times) < 2 or not np.isfinite(table).all() or not (np.diff(times) > 0).all():
-        raise RecordingError(f"{path}: two rows or more of finite numbers with ascending times are needed")
+    if len(times) < 2:
+        raise RecordingError(f"{path} has {len(times)} rows of numbers: two or more are needed")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if len(late):
+        row = late[0] + 1
+        raise RecordingError(
+            f"{path}, row {row + 1}: time is {times[row]:g} s after {times[row - 1]:g} s in the row before: ascending "
+            "times are needed"
+        )
     q, *rates = np.reshape(values, (len(kinds), len(joint_names), len(times))).transpose(0, 2, 1)
     if interpolate:
         if len(times) <= SPLINE_DEGREE:
@@ -97,6 +103,58 @@ def planned_motion(path: Path, joint_names: Sequence[str], interpolate: bool = F
         rates = [spline(times, order) for order in (1, 2)]
     qd, qdd = rates
     return SampledMotion(times, q, qd, qdd, trapezoid_weights(times))
+
+
+def describe_contradictions(motion: SampledMotion, joint_names: Sequence[str]) -> list[str]:
+    """Say of which joints of a planned motion positions and velocities, or velocities and accelerations, do not fit.
+
+    Their differences between samples are compared with the integrals of their rates by the trapezoidal rule, RMS over
+    all samples.
+    """
+    steps = np.diff(motion.times)[:, None]
+    sentences = []
+    for values, rates, kinds in ((motion.q, motion.qd, KINDS[:2]), (motion.qd, motion.qdd, KINDS[1:])):
+        changes, integrals = np.diff(values, axis=0), steps * (rates[1:] + rates[:-1]) / 2
+        errors, scales = (np.sqrt(np.mean(part**2, axis=0)) for part in (changes - integrals, changes))
+        largest = np.sqrt(np.mean(integrals**2, axis=0))
+        contradictory = errors > MAX_CONTRADICTION * np.maximum(scales, largest)
+        names = [name for name, is_wrong in zip(joint_names, contradictory, strict=True) if is_wrong]
+        if names:
+            sentences.append(
+                f"the {kinds[1]} of {', '.join(names)} is not the derivative of the {kinds[0]}: the "
+                "report counts each column as it is"
+            )
+    return sentences
+
+
+def _read_numbers(path: Path, header: Sequence[str]) -> Array:
+    """Read the rows (N, columns) below the header. Raises RecordingError where a cell is no finite number."""
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        reader = csv.reader(file)
+        next(reader)
+        rows = []
+        for cells in reader:
+            if not cells:
+                continue
+            if len(cells) != len(header):
+                raise RecordingError(
+                    f"{path}, line {reader.line_num}: {len(cells)} cells, but the header has {len(header)} names"
+                )
+            rows.append([_read_number(cell) for cell in cells])
+            wrong = next((column for column, number in enumerate(rows[-1]) if not isfinite(number)), None)
+            if wrong is not None:
+                raise RecordingError(
+                    f"{path}, line {reader.line_num}: {header[wrong]} is {cells[wrong]!r}: a finite number is needed"
+                )
+    return np.array(rows).reshape(len(rows), len(header))
+
+
+def _read_number(cell: str) -> float:
+    """Return the number in a cell, nan where there is none."""
+    try:
+        return float(cell)
+    except ValueError:
+        return nan
 
 
 def recorded_motion_samples(recording: Recording, cutoff: float | None, rate: float | None) -> SampledMotion:

@@ -73,14 +73,21 @@ class Table:
         self._missing_cells: dict[str, Counter[str]] = {"cells are empty": Counter(), "cells have no number": Counter()}
         self._skipped_lines: Counter[str] = Counter()  # by the name of the file
         self._skip_reasons: dict[str, str] = {}
-        if tables is None and not self._columns["effort"]:
-            names = ", ".join(f"{name}.effort" for name in self.joints)
-            self.add_note(f"columns {names[:200]} are needed for efforts, and none of them is there")
+        if tables is None and len(self._columns["effort"]) < len(self.joints):
+            self._note_missing_efforts()
 
     def add_note(self, sentence: str) -> None:
         """Append a sentence to the notes, once."""
         if sentence not in self.notes:
             self.notes.append(sentence)
+
+    def _note_missing_efforts(self) -> None:
+        names = set(self._column_names[None])
+        missing = [name for joint in self.joints if (name := f"{joint}.effort") not in names]
+        if len(missing) == len(self.joints):
+            self.add_note(f"columns {', '.join(missing)[:200]} are needed for efforts, and none of them is there")
+        else:
+            self.add_note(f"no efforts are read, because columns are missing: {', '.join(missing)[:200]}")
 
     def joint_topics(self, requested: Sequence[str] = ()) -> list[str]:
         """The path, in the place of a topic. Raises RecordingError where topics are requested."""

@@ -83,6 +83,8 @@ class Bench:
         self.reference_points = self.node.create_publisher(JointTrajectory, f"{CONTROLLER}/reference_point", 1)
         self.effort_commands = self.node.create_publisher(Float64MultiArray, f"{EFFORT}/commands", 1)
         self._faults = self.node.create_publisher(Float64MultiArray, "fault_controller/commands", 1)
+        self._trajectories = ActionClient(self.node, FollowJointTrajectory, f"{TRAJECTORY}/follow_joint_trajectory")
+        self._clients: dict[str, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
         self._is_running = True
@@ -99,6 +101,7 @@ class Bench:
         self._is_running = False
         self._thread.join()
         self._executor.shutdown()
+        self._trajectories.destroy()
         self.node.destroy_node()
 
     def _spin(self) -> None:
@@ -188,17 +191,21 @@ class Bench:
 
     def call(self, kind: type, name: str, request: Any) -> Any:
         """Call a service, and return its response."""
-        client = self.node.create_client(kind, name)
-        try:
-            expect(client.wait_for_service(30), f"there is no service {name}")
-            future = client.call_async(request)
-            end = time.monotonic() + 30
-            while not future.done() and time.monotonic() < end:
-                time.sleep(0.002)
-            expect(future.done(), f"{name} does not answer")
-            return future.result()
-        finally:
-            self.node.destroy_client(client)
+        self._require_manager()
+        # clients live as long as the node: to destroy one while the other thread waits for it ends that thread
+        client = self._clients.get(name) or self.node.create_client(kind, name)
+        self._clients[name] = client
+        expect(client.wait_for_service(30), f"there is no service {name}")
+        future = client.call_async(request)
+        end = time.monotonic() + 30
+        while not future.done() and time.monotonic() < end:
+            time.sleep(0.002)
+        expect(future.done(), f"{name} does not answer")
+        return future.result()
+
+    def _require_manager(self) -> None:
+        if self.process.poll() is not None:
+            raise Failed(f"the controller manager has ended with {self.process.returncode}: see {self.log}")
 
     def states(self) -> dict[str, str]:
         """Return the states of the controllers by name."""
@@ -235,7 +242,8 @@ class Bench:
 
     def move(self, goal: Sequence[float], duration: float) -> int:
         """Send a goal to the trajectory controller, and return the error code of its result."""
-        client = ActionClient(self.node, FollowJointTrajectory, f"{TRAJECTORY}/follow_joint_trajectory")
+        self._require_manager()
+        client = self._trajectories
         rest = [0.0] * len(JOINTS)
         point = JointTrajectoryPoint(
             positions=[float(position) for position in goal],
@@ -243,15 +251,12 @@ class Bench:
             accelerations=rest,
             time_from_start=Duration(seconds=duration).to_msg(),
         )
-        try:
-            expect(client.wait_for_server(30), "there is no action server")
-            goal_message = FollowJointTrajectory.Goal()
-            goal_message.trajectory = JointTrajectory(joint_names=JOINTS, points=[point])
-            handle = _wait_for(client.send_goal_async(goal_message), 30)
-            expect(handle.accepted, "the goal is refused")
-            return int(_wait_for(handle.get_result_async(), duration + 30).result.error_code)
-        finally:
-            client.destroy()
+        expect(client.wait_for_server(30), "there is no action server")
+        goal_message = FollowJointTrajectory.Goal()
+        goal_message.trajectory = JointTrajectory(joint_names=JOINTS, points=[point])
+        handle = _wait_for(client.send_goal_async(goal_message), 30)
+        expect(handle.accepted, "the goal is refused")
+        return int(_wait_for(handle.get_result_async(), duration + 30).result.error_code)
 
 
 def _wait_for(future: Any, timeout: float) -> Any:
@@ -297,3 +302,4 @@ def is_finite(values: np.ndarray) -> bool:
 def initialise() -> None:
     """Start ROS in this process."""
     rclpy.init(args=sys.argv)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("ended by SIGTERM"))  # so that the manager is ended too

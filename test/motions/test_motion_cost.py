@@ -1,5 +1,7 @@
 """Costs of motions: closed forms of a mass, energy balance of an arm with friction, motors behind gears."""
 
+import re
+
 import numpy as np
 import pytest
 from motions.planned import joint_mass, model_of, quintic
@@ -9,7 +11,12 @@ from robot_dynamics.errors import DescriptionError
 from robot_dynamics.motions.effort_model import EffortModel
 from robot_dynamics.motions.motion_cost import compute_motion_cost
 from robot_dynamics.motions.retiming import retime
-from robot_dynamics.motions.sampled_motion import SampledMotion, planned_motion, trapezoid_weights
+from robot_dynamics.motions.sampled_motion import (
+    SampledMotion,
+    describe_contradictions,
+    planned_motion,
+    trapezoid_weights,
+)
 from robot_dynamics.motions.time_scaling import find_time_scale
 from robot_dynamics.recordings.drives import direct_drives, load_drives, write_drives
 from robot_dynamics.simulation.energy import kinetic_energy, potential_energy
@@ -148,10 +155,34 @@ def test_planned_motion_is_read_as_it_is(tmp_path):
     motion = planned_motion(path, ["j"])
     np.testing.assert_array_equal(np.hstack([motion.q, motion.qd, motion.qdd]), [[2, 3, 1], [5, 6, 4]])
     assert planned_motion(path, ["j", "k"]) is None
-    for rows in ("0,1,2,3\n", "0,1,2,3\n0,4,5,6\n", "0,1,2,3\n1,nan,5,6\n", "0,1,2\n1,2,3\n"):
+    for rows, message in (
+        ("0,1,2,3\n", "has 1 rows of numbers: two or more are needed"),
+        ("", "has 0 rows"),
+        ("0,1,2,3\n0,4,5,6\n", "row 2: time is 0 s after 0 s in the row before: ascending times are needed"),
+        ("0,1,2,3\n1,nan,5,6\n", "line 3: j.acceleration is 'nan': a finite number is needed"),
+        ("0,1,2,3\n1,4,five,6\n", "line 3: j.position is 'five': a finite number is needed"),
+        ("0,1,2,3\n1,2,3\n", "line 3: 3 cells, but the header has 4 names"),
+    ):
         path.write_text(f"time,j.acceleration,j.position,j.velocity\n{rows}")
-        with pytest.raises(RecordingError, match="numbers"):
+        with pytest.raises(RecordingError, match=re.escape(message)):
             planned_motion(path, ["j"])
+
+
+def test_rates_that_are_no_derivatives_are_named():
+    times = np.linspace(0, 2, 101)
+    sine, cosine = np.sin(3 * times), np.cos(3 * times)
+    q, qd, qdd = (np.column_stack([part, part]) for part in (sine, 3 * cosine, -9 * sine))
+
+    def describe(q, qd, qdd):
+        return describe_contradictions(SampledMotion(times, q, qd, qdd, trapezoid_weights(times)), ["a", "b"])
+
+    assert describe(q, qd, qdd) == []
+    wrong = qd.copy()
+    wrong[:, 1] = 9.9
+    velocity, acceleration = describe(q, wrong, qdd)
+    assert velocity.startswith("the velocity of b is not the derivative of the position")
+    assert acceleration.startswith("the acceleration of b is not the derivative of the velocity")
+    assert describe(0 * q, 0 * qd, 0 * qdd) == []
 
 
 @pytest.mark.parametrize(("robot", "message"), [("free_flying_arm", "base of"), ("manutec_r3", "no motor drives")])
