@@ -327,6 +327,9 @@ def test_check_names_columns_with_empty_cells_and_other_separators(tmp_path):
     path.write_text("\n".join([lines[0], *empty]))
     with pytest.raises(RecordingError, match=r"nothing was measured; cells are empty .*: panda_joint1.effort \(2000 r"):
         checked(path)
+    path.write_text("\n".join([lines[0].replace("panda_joint3.effort", "panda_joint3.eff"), *lines[1:]]))
+    with pytest.raises(RecordingError, match=r"no efforts are read, because columns are missing: panda_joint3.effort$"):
+        checked(path)
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         path.write_text("\n".join(lines).replace(",", separator))
         with pytest.raises(RecordingError, match=f"columns are separated by {name}. Separate them by commas"):

@@ -168,6 +168,7 @@ def test_modes_gains_limits_and_payload_change_at_run_time(start_controller):
         steps = np.abs(np.diff([efforts for _, efforts in controller.commands[count:]], axis=0)).max()
         assert "effort_limits" in changes or steps < 20, "a jump"
     controller.stream_until(lambda: controller.has_diagnostic("at its limit: panda_joint2"), "saturation")
+    assert "nothing but zeros" in controller.set_parameters(effort_limits=[0.0] * 7).reason
     assert controller.set_parameters(effort_limits=[80.0] * 7).successful
     excess = "effort_limits exceed those of the description: panda_joint5 80 (12)"
     controller.stream_until(lambda: controller.has_diagnostic(excess), "limits")

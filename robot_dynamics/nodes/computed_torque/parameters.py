@@ -180,7 +180,7 @@ def settings_from_parameters(
     """Return the Settings of validated parameters for some joints of a robot.
 
     massless: whether its description has no masses. Raises InvalidInputError, also if no useful effort could be sent:
-    if a description without masses is not allowed, and if the description limits all efforts to zero.
+    if a description without masses is not allowed, and if all efforts are limited to zero.
     """
     if massless and not values["allow_massless"]:
         raise InvalidInputError(
@@ -189,6 +189,8 @@ def settings_from_parameters(
     effort_limits = values["effort_limits"]
     if effort_limits:
         limits = _expand_to_joints("effort_limits", effort_limits, joints, allow_one=False)
+        if not limits.any():
+            raise InvalidInputError("parameter effort_limits: all are 0, so that nothing but zeros could be sent")
     else:
         limits = _limits_of_description(dynamics, joints)
     kd = _expand_to_joints("kd", values["kd"], joints)
