@@ -137,7 +137,9 @@ def _read_motion(arguments: Namespace, recording: Recording, joint_names: Sequen
     if arguments.planned:
         reason = "it is no CSV file with time and <joint>.position of all independent joints"
         if not is_whole:
-            reason = "it takes neither --cutoff nor a part of the motion (--from, --to, --samples)"
+            reason = (
+                "leave out --cutoff, --from, --to and --samples: a planned motion is taken as a whole, without a filter"
+            )
         raise InvalidInputError(f"{arguments.motion} with --planned: {reason}")
     return recorded_motion_samples(recording, arguments.cutoff, arguments.rate)
 

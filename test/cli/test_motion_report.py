@@ -113,7 +113,7 @@ def test_planned_positions_are_not_filtered_and_their_path_is_kept_to_its_ends(e
         assert np.abs(ends).max() < error
     for options in (["--planned", "--cutoff", "5"], ["--planned", "--from", "1"]):
         assert main(["motion-report", "ur5e", str(path), *options]) == 1
-        assert "takes neither --cutoff nor a part" in capsys.readouterr().err
+        assert "leave out --cutoff, --from, --to and --samples" in capsys.readouterr().err
     np.savetxt(path, columns[:5], delimiter=",", header=",".join(names), comments="")
     assert main(["motion-report", "ur5e", str(path), "--planned"]) == 1
     assert "6 or more are needed for a spline" in capsys.readouterr().err
