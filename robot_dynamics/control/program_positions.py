@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from robot_dynamics.dynamics import Dynamics
 
 
-LONGEST_WAY = 0.05
-"""Longest way of the independent joints [rad or characteristic lengths] on which no path is followed: at the end of a
-longer one Newton's method may find another assembly mode."""
+LONGEST_DISTANCE = 0.05
+"""Longest distance of the independent joints [rad or characteristic lengths] without a path: at the end of
+a longer one Newton's method may find another assembly mode."""
 
 
 class ProgramPositions:
@@ -89,8 +89,8 @@ class ProgramPositions:
 
     def _close(self, q: Array, seeds: Array) -> Array:
         """Positions (all joints,) for q (n,), closed from the seeds (all joints,), which they replace."""
-        way = (np.abs(q - seeds[self._independent]) / self._units).max(initial=0.0)  # nan where nothing is known
-        if way > LONGEST_WAY:
+        distance = (np.abs(q - seeds[self._independent]) / self._units).max(initial=0.0)  # nan where nothing is known
+        if distance > LONGEST_DISTANCE:
             seeds[:] = self._dynamics.expand_positions(q, previous=seeds)
         else:
             positions = seeds.copy()

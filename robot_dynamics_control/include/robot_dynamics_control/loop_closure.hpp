@@ -33,8 +33,8 @@ public:
     /// Strides of the path from the reference positions: the second one is tried where the first one fails.
     static constexpr double strides[] = {0.05, 0.01};
     static constexpr std::size_t max_strides = 700;
-    /// Longest way of the joints of the state [rad or characteristic lengths] on which no path is followed.
-    static constexpr double longest_way = 0.05;
+    /// Longest distance of the joints of the state [rad or characteristic lengths] on which no path is followed.
+    static constexpr double longest_distance = 0.05;
     /// Part of a stride by which its end may deviate from the continuation of the last one, and a further deviation: a
     /// larger one means that the path bends, or has reached another branch.
     static constexpr double max_relative_deviation = 0.4;
@@ -158,7 +158,7 @@ private:
         }
         start_ = variables_; // of the same size: nothing is allocated
         set_target(q);
-        if (is_known && way_to_target() > longest_way) {
+        if (is_known && distance_to_target() > longest_distance) {
             evaluate(variables_, step_);
             return follow_path_to(q, determinant_is_positive());
         }
@@ -204,7 +204,7 @@ private:
     }
 
     /// Length of the path from the start to the target [rad or characteristic lengths].
-    double way_to_target() const noexcept
+    double distance_to_target() const noexcept
     {
         double length = 0.0;
         for (std::size_t k = 0; k < joint_count_; ++k) {
@@ -219,7 +219,7 @@ private:
     bool follow_path(double stride, bool is_positive) noexcept
     {
         variables_ = start_;
-        const double length = way_to_target();
+        const double length = distance_to_target();
         if (!(length <= stride * static_cast<double>(max_strides))) {
             return false;
         }
