@@ -283,11 +283,14 @@ def _next_scales(payload: Inertia, covariance: Array, centre: Array) -> tuple[Ar
 
     payload, covariance (10, 10): estimates about a centre (3,). The centre moves along the axes along which it is
     determined. Along others a heavy body that is near needs the efforts of a light one that is far, and it is zero.
+    Without a mass there is no centre: first moments alone are those of a body of any mass.
     """
     moments_about_centre = payload.first_moments - payload.mass * centre
     mass = float(np.hypot(payload.mass, np.linalg.norm(moments_about_centre) / CHARACTERISTIC_LENGTH))
     mass = max(mass, MIN_MASS)
     _, covariance = _keep_seen_directions(np.zeros(PAYLOAD_COUNT), covariance, centre, mass)
+    if covariance[-1, -1] >= (MAX_DEVIATION_OF_SEEN * mass) ** 2:
+        return np.zeros(3), mass
     to_centre = np.linalg.inv(parameter_transformation(placement(translation=centre)))
     of_moments = (to_centre @ covariance @ to_centre.T)[6:9, 6:9]
     variances, axes = np.linalg.eigh(of_moments / (mass * CHARACTERISTIC_LENGTH) ** 2)

@@ -8,6 +8,8 @@ import json
 import os
 import random
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -112,12 +114,26 @@ def test_faults_are_finds_and_the_campaign_goes_on(data, what, tmp_path, monkeyp
     assert summary.kinds["accepted"] >= 15
 
 
-def test_usage_of_a_process_is_that_which_the_system_tells_the_process():
-    before, memory = time.process_time(), resident_memory(os.getpid())
+def test_time_of_a_process_is_that_which_the_system_tells_the_process():
+    before = time.process_time()
     used = cpu_time(os.getpid())
     assert before - 0.02 <= used <= time.process_time() + 0.02  # both count the same time, the file in ticks
-    block = bytearray(b"x") * 50_000_000
-    assert len(block) - 5e6 < resident_memory(os.getpid()) - memory < len(block) + 10e6
+
+
+def test_memory_of_a_process_grows_by_what_the_process_takes():
+    allocate = (
+        "print(0, flush=True); input(); block = bytearray(b'x') * 50_000_000; print(len(block), flush=True); input()"
+    )
+    with subprocess.Popen([sys.executable, "-c", allocate], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdin and process.stdout
+        process.stdout.readline()  # the interpreter has started: its memory is not counted
+        before = resident_memory(process.pid)
+        process.stdin.write(b"\n")
+        process.stdin.flush()
+        size = int(process.stdout.readline())
+        grown = resident_memory(process.pid) - before
+        process.communicate(b"\n", timeout=30)
+    assert size - 5e6 < grown < size + 10e6
 
 
 def test_inputs_that_reach_new_lines_are_noticed():

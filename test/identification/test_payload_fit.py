@@ -113,8 +113,9 @@ def test_a_motion_about_a_vertical_axis_does_not_determine_the_payload(tmp_path)
     assert not result.is_determined
 
 
+@pytest.mark.parametrize("seed", [1, 2, 10])
 @pytest.mark.parametrize("joint", range(7))
-def test_mass_from_the_motion_of_one_joint_is_right_or_not_determined(tmp_path, joint):
+def test_mass_from_the_motion_of_one_joint_is_right_or_not_determined(tmp_path, joint, seed):
     """One joint shows a mass times its distance: a light body far away needs the same efforts."""
     mass = 2.5
     model = loaded_panda(mass, CENTRE + FLANGE, 0.005)
@@ -123,11 +124,11 @@ def test_mass_from_the_motion_of_one_joint_is_right_or_not_determined(tmp_path, 
     q, qd, qdd = np.where(moves, run.q, run.q[0]), run.qd * moves, run.qdd * moves
     data = model.createData()
     efforts = np.array([pin.rnea(model, data, *state) for state in zip(q, qd, qdd, strict=True)])
-    efforts += np.random.default_rng(1).normal(scale=NOISE, size=efforts.shape)
+    efforts += np.random.default_rng(seed).normal(scale=NOISE, size=efforts.shape)
     path = write_table(tmp_path / "run.csv", Motion(run.times, q, qd, qdd, efforts))
     result = fit([open_recording(path, MODEL.drives)])
     assert not result.is_determined
-    assert abs(result.inertia.mass - mass) < 2 * result.deviations[9] or not result.determined[9]
+    assert abs(result.inertia.mass - mass) < 3 * result.deviations[9] or not result.determined[9]
     assert result.determined[9] or joint not in {1, 2, 3}
 
 
