@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+MOST_NAMES = 40  # in a message
 INTERRUPTED_EXIT_STATUS = 130  # exit status after Ctrl-C, by the convention of shells
 
 
@@ -57,5 +58,7 @@ def describe_unknown_name(kind: str, name: object, known: Iterable[str]) -> str:
     text = str(name)[:100]
     known = list(known)
     close = get_close_matches(text, known, n=3, cutoff=0.75)
-    hint = f"did you mean {' or '.join(map(repr, close))}?" if close else f"known are {', '.join(known[:40]) or 'none'}"
-    return f"unknown {kind} {text!r}: {hint}"
+    if close:
+        return f"unknown {kind} {text!r}: did you mean {' or '.join(map(repr, close))}?"
+    more = f", and {len(known) - MOST_NAMES} more" if len(known) > MOST_NAMES else ""
+    return f"unknown {kind} {text!r}: known are {', '.join(known[:MOST_NAMES]) or 'none'}{more}"

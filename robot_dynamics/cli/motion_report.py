@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 NAME = "motion-report"
 PICTURES = (".png", ".pdf", ".svg")
 MOTION = ".csv"
+ROUNDING = 1e-12  # relative
 
 
 def add_arguments(parser: ArgumentParser) -> None:
@@ -170,7 +171,7 @@ def print_cost(cost: MotionCost) -> None:
             _rounded(joint.regenerated),
             _rounded(joint.friction),
             _rounded(joint.peak_power),
-            _rounded(joint.mean_power),
+            _rounded_mean(joint.mean_power, joint.peak_power),
             _rounded(joint.position_margin),
         ]
         for joint in cost.joints
@@ -178,7 +179,7 @@ def print_cost(cost: MotionCost) -> None:
     totals = [sum(getattr(joint, key) for joint in cost.joints) for key in ("supplied", "regenerated", "friction")]
     peak = float(np.abs(cost.powers.sum(axis=1)).max())
     mean = sum(joint.mean_power for joint in cost.joints)
-    energies.append(["all", *map(_rounded, totals), _rounded(peak), _rounded(mean), None])
+    energies.append(["all", *map(_rounded, totals), _rounded(peak), _rounded_mean(mean, peak), None])
     header = ["joint", "supplied", "regenerated", "friction", "peak power", "mean power", "to position limit"]
     print_table(header, energies, "Energy [J], power [W], and least distance from a position limit [rad or m]")
     print(f"\na supply common to all joints delivers {cost.shared_energy:.4g} J")
@@ -280,5 +281,11 @@ def _rounded(value: float) -> float:
     return float(f"{value:.4g}")
 
 
+def _rounded_mean(mean: float, peak: float) -> float:
+    """Zero where the mean is what rounding leaves of values up to the peak."""
+    return _rounded(mean) if abs(mean) > ROUNDING * abs(peak) else 0.0
+
+
 def _percent(part: float, limit: float) -> float | None:
-    return float(f"{100 * part:.3g}") if isfinite(limit) else None
+    """Percents to a tenth: 100.2 is beyond a limit."""
+    return round(100 * part, 1) if isfinite(limit) else None

@@ -80,6 +80,20 @@ class IntervalLimits:
         highest[is_impossible] = -np.inf
         return lowest, highest
 
+    def describe_impasse(self, number: int) -> str:
+        """Say why no control in an interval is within the limits: which actuator is too weak, if it is at rest."""
+        at_rest = self._friction(number, np.zeros(1))[0] + self.c[number]
+        limits = self.margins[number] * self.limits.effort_limits(np.zeros((1, self.speed_rates.shape[1])))[0]
+        usage = at_rest / np.concatenate([limits, limits])
+        worst = int(usage.argmax())
+        if usage[worst] > 1:
+            name = self.limits.names[worst % len(limits)]
+            return (
+                f"the effort limit of {name!r} is passed at a point of the path however slow the motion is: to rest "
+                f"there takes {usage[worst]:.0%} of it"
+            )
+        return "limits are passed at a point of the path however slow the motion is: no one effort is to blame"
+
     def _friction(self, number: int, rates: Array) -> Array:
         """Friction (k, 2 c) at values ṡ (k,)."""
         table, speeds = self.friction[number], self.friction_speeds
@@ -158,7 +172,7 @@ def _largest_controllable(intervals: IntervalLimits, number: int, step: float, e
     if best is None or best[1] > 0:
         best = _search(evaluate, 0.0, high)
     if best is None or best[1] > INFEASIBLE * reach / step:
-        raise InvalidInputError("a limit is passed at a point of the path however slow the motion is")
+        raise InvalidInputError(intervals.describe_impasse(number))
     return max(best[0], 0.0)
 
 
@@ -181,7 +195,7 @@ def _largest_reachable(intervals: IntervalLimits, number: int, step: float, begi
         wide = _search(evaluate, low, high)
         best = wide if best is None or (wide is not None and wide[1] < best[1]) else best
     if best is None or best[1] > INFEASIBLE * reach / step:
-        raise InvalidInputError("a limit is passed at a point of the path however slow the motion is")
+        raise InvalidInputError(intervals.describe_impasse(number))
     return min(max(best[0], 0.0), most)
 
 

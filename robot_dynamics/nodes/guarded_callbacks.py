@@ -17,3 +17,9 @@ def failure_reason(logger: RcutilsLogger, error: Exception) -> str:
         return str(error)
     logger.error("".join(traceback.format_exception(error)), throttle_duration_sec=1.0)
     return f"internal error, please report it: {error!r}"
+
+
+def refusal_reason(logger: RcutilsLogger, topic: str, error: Exception) -> str:
+    """Return the reason why a message on a topic is refused: it begins with the topic."""
+    reason = failure_reason(logger, error)
+    return reason if reason.startswith(topic) else f"{topic}: {reason}"

@@ -67,7 +67,9 @@ class ParameterSpec:
         if self.lower_bound is None:
             return ""
         lowest = f"more than {self.lower_bound:g}" if self.is_bound_excluded else f"{self.lower_bound:g} or more"
-        return f"{lowest}, and less than {self.upper_bound:g}," if self.upper_bound not in (None, inf) else lowest
+        special = "".join(f"{value:g}, or " for value in self.special_values)
+        end = f", and less than {self.upper_bound:g}," if self.upper_bound not in (None, inf) else ""
+        return f"{special}{lowest}{end}"
 
     def validate(self, value: object) -> Any:
         """Return a value in the type of the parameter. Raises InvalidInputError with the accepted values."""

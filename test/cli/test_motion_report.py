@@ -9,6 +9,7 @@ from scipy.integrate import trapezoid
 
 from robot_dynamics import Dynamics, load_robot
 from robot_dynamics.cli.main import main
+from robot_dynamics.cli.motion_report import _percent, _rounded_mean
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +72,11 @@ def test_retimed_motion_and_its_picture_are_written(excited, tmp_path, capsys):
     assert np.maximum(usage, speed).max() <= 1 + 1e-9 and np.median(np.maximum(usage, speed)) > 0.98
     assert main(["motion-report", "ur5e", str(new), "--output", str(tmp_path / "report.pdf")]) == 0
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_numbers_that_rounding_leaves_are_zero_and_a_passed_limit_is_seen():
+    assert _rounded_mean(-4e-14, 200.0) == 0.0 and _rounded_mean(-4e-6, 200.0) == -4e-6
+    assert _percent(1.002, 87.0) == 100.2 and _percent(1.002, np.inf) is None
 
 
 def test_recordings_are_filtered(excited, tmp_path, capsys):

@@ -148,7 +148,7 @@ def test_motion_stops_where_it_turns_and_keeps_its_pauses():
     ("change", "message"),
     [
         ({"effort": np.inf, "velocity": np.inf}, "nothing limits the speed"),
-        ({"effort": 1.0}, "however slow"),
+        ({"effort": 1.0}, f"effort limit of 'j' .* however slow .* takes {MASS * 9.81:.0%} of it"),
     ],
 )
 def test_paths_without_a_fastest_motion_are_refused(change, message):

@@ -4,6 +4,7 @@ from importlib.metadata import entry_points
 
 import pytest
 
+from robot_dynamics.errors import InvalidInputError
 from robot_dynamics.nodes.parameter_tables import HEADER, NODES, main, markdown_table
 
 
@@ -24,6 +25,11 @@ def test_every_node_has_a_table():
 def test_defaults_are_accepted(node):
     for spec in NODES[node].values():
         assert spec.validate(spec.default) is not None
+
+
+def test_refused_numbers_are_told_which_are_accepted():
+    with pytest.raises(InvalidInputError, match=r"cutoff is -1: 0, or 0\.1 or more, and less than"):
+        NODES["replay_check"]["cutoff"].validate(-1.0)
 
 
 def test_command_prints_the_tables_of_the_named_nodes(capsys):

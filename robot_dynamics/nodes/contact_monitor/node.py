@@ -21,7 +21,7 @@ from robot_dynamics.nodes.contact_monitor.monitoring_setup import build_monitori
 from robot_dynamics.nodes.contact_monitor.outputs import QOS_OVERRIDES, MonitorOutputs
 from robot_dynamics.nodes.contact_monitor.parameters import PARAMETERS
 from robot_dynamics.nodes.diagnostics import Diagnostics, DurationStatistics
-from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.guarded_callbacks import refusal_reason
 from robot_dynamics.nodes.parameters import (
     declare_parameters,
     read_parameters,
@@ -237,7 +237,7 @@ class ContactMonitor(Node):
 
     def _refuse(self, topic: str, error: Exception) -> None:
         self._status.refused += 1
-        self._status.refusal = f"{topic}: {failure_reason(self.get_logger(), error)}"
+        self._status.refusal = refusal_reason(self.get_logger(), topic, error)
         self.get_logger().warning(f"refused: {self._status.refusal}", throttle_duration_sec=1.0)
         self._diagnostics.publish_if_changed(self._status.refusal, self._is_collision)
 
@@ -272,7 +272,10 @@ class ContactMonitor(Node):
         status.standstill = time.monotonic() - self._received_at
         status.timeout = self._values["state_timeout"]
         status.topic = self.resolve_topic_name("joint_states")
-        values: dict[str, object] = {"messages refused": status.refused, "last refusal": status.refusal}
+        values: dict[str, object] = {
+            "messages refused since the last report": status.refused,
+            "last refusal": status.refusal,
+        }
         if monitoring is not None:
             observer = monitoring.observer
             status.restarts = observer.restarts - self._counted_restarts

@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from robot_dynamics.nodes.codecs.fields import to_float_array
 from robot_dynamics.nodes.codecs.wrenches import read_wrench, resolve_link
 from robot_dynamics.nodes.diagnostics import Diagnostics, DurationStatistics
-from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.guarded_callbacks import refusal_reason
 from robot_dynamics.nodes.joint_state_completer.completion import StateCompletion
 from robot_dynamics.nodes.joint_state_completer.health import CompleterStatus, completer_health
 from robot_dynamics.nodes.joint_state_completer.markers import RobotMarkers, delete_all_markers
@@ -153,7 +153,7 @@ class JointStateCompleter(Node):
 
     def _refuse(self, topic: str, error: Exception) -> None:
         self._refused += 1
-        self._last_refusal = f"{topic}: {failure_reason(self.get_logger(), error)}"
+        self._last_refusal = refusal_reason(self.get_logger(), topic, error)
         self.get_logger().warning(f"refused: {self._last_refusal}", throttle_duration_sec=1.0)
         self._diagnostics.publish_if_changed(self._last_refusal)
 
@@ -212,7 +212,7 @@ class JointStateCompleter(Node):
             unknown_names=unknown,
         )
         values = {
-            "messages refused": self._refused,
+            "messages refused since the last report": self._refused,
             "last refusal": self._last_refusal,
             "messages without joints of the robot": self._ignored,
             "unknown joints": ", ".join(unknown),

@@ -274,7 +274,7 @@ class MobileBaseSimulator(Node):
             "simulated time [s]": f"{loop.now():.3f}",
             "real time factor": f"{loop.step_count * step / elapsed:.3f}",
             "times let go": loop.skipped_time,
-            "messages refused": self._refused,
+            "messages refused since the last report": self._refused,
             "last refusal": self._last_refusal,
             **loop.step_durations.take("step", elapsed),
         }
