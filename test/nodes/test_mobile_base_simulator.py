@@ -1,5 +1,7 @@
 """mobile_base_simulator over real topics: it computes the steps of the library, and survives invalid inputs."""
 
+import threading
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -225,6 +227,25 @@ def test_each_step_waits_for_efforts_on_request(start):
     node.client.spin(0.2)
     assert seconds(node.joint_states[-1].header.stamp) == pytest.approx(0.010)
     np.testing.assert_array_equal(node.joint_states[-1].velocity, state.velocities)
+
+
+def test_efforts_without_stamps_that_never_pause_do_not_hold_time(start):
+    """As those of a controller that sends zeros at its own rate because states are missing."""
+    node = start(robot_file="ur5e", wait_for_commands="each", command_timeout=0.5)
+    node.wait_until(lambda: len(node.joint_states) > 2, "the same state again: answers may come twice")
+    is_over = threading.Event()
+
+    def send_all_the_time():
+        while not is_over.wait(0.005):
+            node.send_efforts(EFFORTS)
+
+    sender = threading.Thread(target=send_all_the_time)
+    sender.start()
+    try:
+        node.wait_until(lambda: seconds(node.joint_states[-1].header.stamp) > 0.004, "steps", patience=5.0)
+    finally:
+        is_over.set()
+        sender.join()
 
 
 def test_standstill_without_a_controller_is_a_warning(start):

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 MAX_TICK_DURATION = 0.02  # [s] of the machine for the steps of one check: then messages are received again
 MAX_SPEED = 1e9  # [rad/s or m/s] faster than anything: the simulation has diverged
 REPEAT_INTERVAL = 0.05  # [s] of the machine after which the state is published again while time stands still
+LATE_RESPONSE = 0.25  # [s] of the machine: later efforts are no response to a state that was published
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,8 @@ class SimulationLoop:
         """Return whether time stands still until efforts come.
 
         There may be two responses to a state that was published twice. If efforts have no stamp of the state, a late
-        one would be taken for that of the next state: time goes on after a pause without efforts.
+        one would be taken for that of the next state: time goes on after a pause without efforts, or where there is
+        none, as with a controller that sends at a rate of its own, long after the state was published.
         """
         wait = self._values["wait_for_commands"]
         if wait == "first":
@@ -167,7 +169,9 @@ class SimulationLoop:
         if wait != "each":
             return False
         if inputs.has_new_efforts and not inputs.has_state_stamp and self.outputs.publication_count > 1:
-            return time.monotonic() - self.efforts_received_at < REPEAT_INTERVAL
+            now = time.monotonic()
+            is_paused = now - self.efforts_received_at >= REPEAT_INTERVAL
+            return not is_paused and now - self.outputs.published_at < LATE_RESPONSE
         return not inputs.has_new_efforts
 
     def standstill(self) -> float:
