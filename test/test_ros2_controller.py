@@ -4,10 +4,13 @@ import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from robot_dynamics import Dynamics, Inertia, load_robot
 from robot_dynamics.control.modes import FIXED_MODEL_MODES, FRICTION_VELOCITIES, NO_REFERENCE_ACTIONS
+from robot_dynamics.model.inertia import symmetric_matrix
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "robot_dynamics_control"
@@ -101,7 +104,12 @@ def test_example_chains_the_controllers(controllers, urdf):
 
 
 @pytest.mark.parametrize(
-    "path", [BRINGUP / "panda_simulated.ros2_control.xml", ROOT / "config" / "ros2_control" / "panda_mock.xml"]
+    "path",
+    [
+        BRINGUP / "panda_simulated.ros2_control.xml",
+        BRINGUP / "panda_mujoco.ros2_control.xml",
+        ROOT / "config" / "ros2_control" / "panda_mock.xml",
+    ],
 )
 def test_hardware_of_the_example_has_the_interfaces_of_the_controller(path, urdf):
     system = ElementTree.parse(path).getroot()
@@ -113,6 +121,36 @@ def test_hardware_of_the_example_has_the_interfaces_of_the_controller(path, urdf
         initial = float(joint.find("state_interface/param").text)
         limit = limits[joint.get("name")]
         assert float(limit.get("lower")) < initial < float(limit.get("upper"))
+
+
+def test_panda_of_mujoco_is_that_of_the_description_with_the_payload_of_the_example(urdf):
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(BRINGUP / "panda_mujoco.xml"))
+    joints = [joint for joint in urdf.iter("joint") if joint.get("type") == "revolute"]
+    assert [model.joint(number).name for number in range(model.njnt)] == [joint.get("name") for joint in joints]
+    assert [model.actuator(number).name for number in range(model.nu)] == [joint.get("name") for joint in joints]
+    lower, upper, effort = (
+        [float(joint.find("limit").get(key)) for joint in joints] for key in ("lower", "upper", "effort")
+    )
+    assert model.actuator_ctrlrange[:, 1] == pytest.approx(effort)
+    assert model.jnt_range - np.column_stack([lower, upper]) == pytest.approx(np.tile([0.05, -0.05], (7, 1)))
+
+    system = ElementTree.parse(BRINGUP / "panda_simulated.ros2_control.xml").getroot()
+    mass, *numbers = map(float, system.find("hardware/param[@name='payload']").text.split())
+    payload = Inertia(mass, numbers[:3], symmetric_matrix(*numbers[3:]))
+    dynamics = Dynamics(load_robot("panda").with_payload("panda_link8", payload))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT  # forces of the joint limits
+    data = mujoco.MjData(model)
+    read = Dynamics(load_robot(BRINGUP / "panda_mujoco.xml"))
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        data.qpos[:], data.qvel[:], data.qacc[:] = (
+            rng.uniform(model.jnt_range.T[0], model.jnt_range.T[1]),
+            *rng.normal(size=(2, 7)),
+        )
+        mujoco.mj_inverse(model, data)
+        for each in (dynamics, read):
+            assert data.qfrc_inverse == pytest.approx(each.inverse(data.qpos, data.qvel, data.qacc), abs=1e-11)
 
 
 def test_plugins_are_those_that_are_exported():

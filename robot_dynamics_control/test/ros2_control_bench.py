@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import os
@@ -49,12 +50,14 @@ def shipped(name: str) -> Path:
     return Path(get_package_share_directory("robot_dynamics_control"), "bringup", name)
 
 
-def robot_description(urdf: Path, hardware: str) -> str:
-    """Return the URDF with the tags of "simulated" or "mock" hardware."""
-    simulated = shipped("panda_simulated.ros2_control.xml")
-    tags = simulated if hardware == "simulated" else urdf.parents[1] / "ros2_control" / "panda_mock.xml"
-    text = tags.read_text().removeprefix('<?xml version="1.0"?>')
-    return urdf.read_text().replace("</robot>", f"{text}</robot>")
+def describe_robot(hardware: str) -> str:
+    """Return the URDF with the tags of the hardware, as the launch file of the example makes it."""
+    name = "panda_ros2_control.launch"
+    spec = importlib.util.spec_from_file_location(name, shipped(f"{name}.py"))
+    assert spec is not None and spec.loader is not None
+    launch_file = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(launch_file)
+    return str(launch_file.describe_robot(hardware, headless="true"))
 
 
 class Bench:
@@ -62,19 +65,20 @@ class Bench:
 
     Parameters
     ----------
-    urdf : URDF of the Panda.
-    hardware : "simulated" or "mock".
+    hardware : "simulated", "mujoco" or "mock".
     """
 
-    def __init__(self, urdf: Path, hardware: str) -> None:
+    def __init__(self, hardware: str) -> None:
+        self.hardware = hardware
         self.controllers = shipped("panda_controllers.yaml")
         self.node = rclpy.create_node("acceptance")
         self.samples: list[tuple[float, list[float], list[float], list[float]]] = []
         self.tracking: list[JointTrajectoryControllerState] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
+        self._clock_offset = 0.0  # [s]
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._description = self.node.create_publisher(String, "robot_description", latched)
-        self._description.publish(String(data=robot_description(urdf, hardware)))
+        self._description.publish(String(data=describe_robot(hardware)))
         self.node.create_subscription(JointState, "joint_states", self._on_joint_states, 1000)
         self.node.create_subscription(
             JointTrajectoryControllerState, f"{TRAJECTORY}/controller_state", self.tracking.append, 100
@@ -109,10 +113,12 @@ class Bench:
             self._executor.spin_once(timeout_sec=0.1)
 
     def _start_manager(self) -> subprocess.Popen[bytes]:
-        program = Path(get_package_prefix("controller_manager"), "lib", "controller_manager", "ros2_control_node")
+        package = "mujoco_ros2_control" if self.hardware == "mujoco" else "controller_manager"
+        program = Path(get_package_prefix(package), "lib", package, "ros2_control_node")
+        clock = f"use_sim_time:={str(self.hardware == 'mujoco').lower()}"
         with self.log.open("ab") as log:
             return subprocess.Popen(
-                [program, "--ros-args", "--params-file", self.controllers],
+                [program, "--ros-args", "--params-file", self.controllers, "-p", clock],
                 stdout=log,
                 stderr=log,
                 env={**os.environ, "RCUTILS_COLORIZED_OUTPUT": "0"},
@@ -136,6 +142,9 @@ class Bench:
 
     def _on_joint_states(self, message: JointState) -> None:
         stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+        if self.hardware == "mujoco":  # stamps of the simulation, which begins at zero
+            self._clock_offset = self._clock_offset or time.time() - stamp
+            stamp += self._clock_offset
         order = [message.name.index(name) for name in JOINTS]
         rows = ([values[index] for index in order] for values in (message.position, message.velocity, message.effort))
         self.samples.append((stamp, *rows))

@@ -1,8 +1,9 @@
-"""Acceptance run of the controller with a real controller manager: python3 try_ros2_control.py URDF_OF_THE_PANDA
+"""Acceptance run of the controller with a real controller manager: python3 try_ros2_control.py [--mujoco]
 
 It needs ROS 2 Jazzy with ros2_control and ros2_controllers, and a sourced workspace with robot_dynamics_control. It
-starts its own controller manager on simulated hardware (then on mock_components), runs the checks below, prints a line
-for each, and exits with 1 where one failed. CI does not run it, because it has no ros2_control.
+starts its own controller manager on simulated hardware, then on mock_components, and with --mujoco on MuJoCo (package
+mujoco_ros2_control). It runs the checks below, prints a line for each, and exits with 1 where one failed. CI does not
+run it, because it has no ros2_control.
 
 It takes about two minutes. Use a ROS_DOMAIN_ID of its own.
 """
@@ -62,7 +63,8 @@ def follow(bench: Bench) -> str:
     expect(code == 0, f"error code {code}")
     errors = np.array([state.error.positions for state in bench.tracking])
     worst = float(np.abs(errors).max())
-    expect(worst < 2e-3, f"tracking error {worst:.2e} rad")
+    # in MuJoCo the robot comes from where it had fallen to, and steps do not wait for the update loop
+    expect(worst < (1e-2 if bench.hardware == "mujoco" else 2e-3), f"tracking error {worst:.2e} rad")
     return f"goal reached, largest tracking error {worst:.1e} rad"
 
 
@@ -334,7 +336,7 @@ def run_checks(bench: Bench, checks: list[Callable[[Bench], str]]) -> list[tuple
 def main() -> int:
     """Run the checks; the status is 1 where one failed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("urdf", type=Path, help="config/robots/panda.urdf of robot_dynamics")
+    parser.add_argument("--mujoco", action="store_true", help="run checks on mujoco_ros2_control too")
     parser.add_argument("--jitter", type=float, default=20.0, metavar="S", help="time of each jitter record [s]")
     parser.add_argument("--report", type=Path, help="JSON file for the results")
     options = parser.parse_args()
@@ -346,12 +348,16 @@ def main() -> int:
 
     compare.__name__ = "compare_jitter"
     checks = [spawn, follow, change_payload, set_payload_in_parts, refuse_parameters, change_modes, unchain]
-    with Bench(options.urdf, "simulated") as bench:
+    checks_of_mujoco = [*checks, unchain_in_motion, stream_points]
+    with Bench("simulated") as bench:
         checks += [unchain_in_motion, stream_points, survive_nan, report_errors, stall, deactivate, kill]
         rows = run_checks(bench, checks)
         log = bench.log
-    with Bench(options.urdf, "mock") as bench:
+    with Bench("mock") as bench:
         rows += run_checks(bench, [hold_mock, compare])
+    if options.mujoco:
+        with Bench("mujoco") as bench:
+            rows += run_checks(bench, checks_of_mujoco)
     rclpy.shutdown()
     if options.report is not None:
         write_report(options.report, rows)
