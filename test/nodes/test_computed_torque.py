@@ -338,6 +338,26 @@ def test_life_cycle_starts_and_ends_with_zero_efforts(start_controller):
     np.testing.assert_allclose(last(controller), ur5e.gravity(Q[:6]), atol=1e-9)
 
 
+def test_fault_deactivates_the_node_on_request_until_it_is_activated(start_controller):
+    parameters = {"mode": "gravity_compensation", "deactivate_on_fault": True, "ramp_time": 0.05}
+    controller = start_controller(parameters)
+    time.sleep(0.5)  # without states: the node waits for the first one
+    controller.stream_until_steady()
+    controller.wait_until(
+        lambda: controller.has_diagnostic("deactivated by a fault: no joint_states for more than 200 ms"), "the reason"
+    )
+    assert controller.diagnostics[-1][0] == ERROR and np.abs(last(controller)).max() == 0
+    count = len(controller.commands)
+    controller.stream(0.5)  # good states alone change nothing
+    assert len(controller.commands) == count
+    assert controller.change_state(Transition.TRANSITION_ACTIVATE)
+    controller.stream_until_steady()
+    np.testing.assert_allclose(last(controller), LIBRARY.gravity(Q), atol=1e-9)
+    assert controller.set_parameters(deactivate_on_fault=False).successful
+    controller.wait_until(lambda: np.abs(last(controller)).max() == 0, "zeros")
+    controller.stream_until_steady()  # they return by themselves
+
+
 def test_two_nodes_run_in_one_process_with_remapped_topics(ros, client):
     nodes, probes, executor = [], [], SingleThreadedExecutor()
     robots = {"/left": "panda", "/right": "ur5e"}

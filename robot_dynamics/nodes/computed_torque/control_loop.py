@@ -103,6 +103,7 @@ class ControlLoop:
         self.controller = Controller(law, settings)
         self.is_active = False
         self.activated_at = -inf  # [s] by the clock of the machine
+        self._has_controlled = False  # since the activation
         self.prepared: PreparedLaw | RejectedLaw | None = None  # set by another thread, applied by the next callback
         self.namespace = namespace
         self._times = times
@@ -129,12 +130,19 @@ class ControlLoop:
         springs = self.law.spring_names
         return [name for name in self._joint_states.unreported_joint_names if name not in springs]
 
+    @property
+    def has_ended_by_fault(self) -> bool:
+        """Whether a fault has brought the efforts to zero, after others were sent."""
+        controller = self.controller
+        return self._has_controlled and bool(controller.fault) and not controller.last_efforts.any()
+
     def activate(self) -> None:
         """Start with no state, no reference and zero efforts."""
         self.controller.restart()
         self._last_state_time = -inf
         self._last_tick = None
         self._received_at = inf
+        self._has_controlled = False
         self.activated_at = perf_counter()
         self._times.restart()
         self._agreement.restart()
@@ -181,6 +189,8 @@ class ControlLoop:
             efforts = controller.step(now, time, published)
             if controller.fault:  # efforts that go to zero do not answer the state
                 stamp = None
+            else:
+                self._has_controlled = True
             until -= now - min(time, published)
         except Exception as error:
             stamp = None

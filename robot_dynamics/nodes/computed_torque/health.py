@@ -21,6 +21,7 @@ def control_health(
     robot: RobotSource,
     loop: ControlLoop | None,
     configuration_error: str,
+    last_fault: str,
     refusal: str,
     conflicts: Sequence[str],
     deadline_misses: int,
@@ -31,6 +32,7 @@ def control_health(
     ----------
     loop : None while the node is not configured.
     configuration_error : why the node could not be configured; empty if it could, or has not tried.
+    last_fault : that deactivated the node; empty if none did.
     refusal : why the last reference was refused; empty for none.
     conflicts : with other publishers: of the simulated time, of efforts, of states.
     deadline_misses : since the last report.
@@ -41,6 +43,8 @@ def control_health(
     if configuration_error:
         return ERROR, configuration_error
     if loop is None or not loop.is_active:
+        if last_fault:
+            return ERROR, f"deactivated by a fault: {last_fault}. Activate the node when the robot may move again"
         return WARN, refusal or "not active: no efforts are sent"
     controller = loop.controller
     if controller.fault:

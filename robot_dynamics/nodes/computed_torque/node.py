@@ -101,6 +101,7 @@ class ComputedTorque(RobustLifecycleNode):
         self._description: DescriptionKey | None = None
         self._start_requested = False
         self._configuration_error = ""
+        self._last_fault = ""  # that deactivated the node
         self._statistics = ControlStatistics()
         self._fault_log = FaultLog(self.get_logger())
         declare_parameters(self, PARAMETERS)
@@ -237,6 +238,7 @@ class ComputedTorque(RobustLifecycleNode):
         assert self._loop is not None, "only a configured node is activated"
         gc.freeze()  # the objects that exist by now stay: garbage collection need not search them while efforts are due
         self._loop.activate()
+        self._last_fault = ""
         self._collision.update()
         self._fault_log.restart(self._loop.controller.watchdog.rejection_reason)
         return super().on_activate(state)
@@ -249,6 +251,7 @@ class ComputedTorque(RobustLifecycleNode):
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Remove the control loop."""
         self._loop = None
+        self._last_fault = ""
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -378,6 +381,10 @@ class ComputedTorque(RobustLifecycleNode):
         self._diagnostics.publish_if_changed(
             controller.fault, controller.activity, controller.no_reference_reason, self._refusal
         )
+        if self._values["deactivate_on_fault"] and self._loop.has_ended_by_fault:
+            self._last_fault = controller.fault
+            self.get_logger().error(f"deactivated by a fault: {self._last_fault}")
+            self.trigger_deactivate()
 
     # Diagnostics
 
@@ -398,7 +405,13 @@ class ComputedTorque(RobustLifecycleNode):
             **self._adapted_model.diagnostics(),
         }
         health = control_health(
-            self._robot, self._loop, self._configuration_error, self._references.refusal, conflicts, misses
+            self._robot,
+            self._loop,
+            self._configuration_error,
+            self._last_fault,
+            self._references.refusal,
+            conflicts,
+            misses,
         )
         return *health, self._robot.name, values
 

@@ -82,6 +82,7 @@ PARAMETERS = by_name(
         "time in which efforts go to zero after a fault, or change after a parameter change [s]",
         lower_bound=0.0,
     ),
+    ParameterSpec("deactivate_on_fault", False, "deactivate the node when a fault has brought the efforts to zero"),
     ParameterSpec("state_timeout", 0.02, "age at which joint_states are stale [s]", lower_bound=SHORTEST_TIME),
     ParameterSpec(
         "reference_timeout", 0.1, "how long a point of ~/reference_point is valid [s]", lower_bound=SHORTEST_TIME
