@@ -42,6 +42,32 @@ int main()
         }
     }
 
+    // another reference takes the place of one that has ended, between two steps: the efforts depart from the last ones
+    settings.mode = Mode::computed_torque;
+    settings.kp.assign(law.size(), 400.0);
+    settings.kd.assign(law.size(), 40.0);
+    CHECK(law.apply(Law::complete(settings, law.control_law())));
+    const std::vector<double> still(law.size());
+    std::vector<double> ahead = posture;
+    ahead[0] += 0.2;
+    for (int step = 0; step <= 200; ++step, now += 1e-3) {
+        CHECK(law.track_point(now, now, {posture, still, still}) == PointResult::accepted);
+        law.step(now);
+    }
+    const std::vector<double> before(law.last_efforts().begin(), law.last_efforts().end());
+    law.end_reference();
+    law.start_transition();
+    CHECK(law.track_point(now, now, {ahead, still, still}) == PointResult::accepted);
+    law.step(now);
+    for (std::size_t i = 0; i < law.size(); ++i) {
+        CHECK(near(law.last_efforts()[i], before[i], 1e-9));
+    }
+    for (int step = 0; step <= 100; ++step, now += 1e-3) {
+        CHECK(law.track_point(now, now, {ahead, still, still}) == PointResult::accepted);
+        law.step(now);
+    }
+    CHECK(law.last_efforts()[0] > before[0] + 10.0);
+
     // without efforts all are zero
     law.restart();
     for (const double effort : law.last_efforts()) {

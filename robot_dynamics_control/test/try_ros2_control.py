@@ -150,6 +150,20 @@ def unchain(bench: Bench) -> str:
     return "; ".join(figures)
 
 
+def restart_chain(bench: Bench) -> str:
+    """The trajectory controller restarts in one update without the payload: its reference jumps, the efforts do not."""
+    expect(not bench.set_named(NO_PAYLOAD), "the payload is refused")
+    before = bench.record(1.5)
+    error = float(np.abs(before["position"][-1] - GOAL).max())
+    expect(error > 1e-2, f"error {error} rad: the payload is not missing")
+    recorded = bench.record(1.0, lambda: bench.switch(activate=[TRAJECTORY], deactivate=[TRAJECTORY]))
+    jump = largest_jump(recorded)
+    expect(jump < 1.0, f"the efforts jump by {jump:.2f} N m")
+    expect(not bench.set_named(PAYLOAD), "the payload is refused")
+    expect(bench.move(GOAL, 1.0) == 0, "the robot does not follow afterwards")
+    return f"reference from {error:.3f} rad away; largest change in 1 ms {jump:.2f} N m"
+
+
 def unchain_in_motion(bench: Bench) -> str:
     """The trajectory controller stops in the middle of a motion: the robot is damped, and the efforts do not jump."""
     motion = threading.Thread(target=lambda: bench.move(START, 2.0))
@@ -348,9 +362,9 @@ def main() -> int:
 
     compare.__name__ = "compare_jitter"
     checks = [spawn, follow, change_payload, set_payload_in_parts, refuse_parameters, change_modes, unchain]
-    checks_of_mujoco = [*checks, unchain_in_motion, stream_points]
+    checks_of_mujoco = [*checks, restart_chain, unchain_in_motion, stream_points]
     with Bench("simulated") as bench:
-        checks += [unchain_in_motion, stream_points, survive_nan, report_errors, stall, deactivate, kill]
+        checks += [restart_chain, unchain_in_motion, stream_points, survive_nan, report_errors, stall, deactivate, kill]
         rows = run_checks(bench, checks)
         log = bench.log
     with Bench("mock") as bench:

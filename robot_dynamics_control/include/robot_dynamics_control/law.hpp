@@ -239,6 +239,9 @@ public:
     /// End the reference: the efforts are those of without_reference.
     void end_reference() noexcept { no_reference_ = NoReference::ended; }
 
+    /// Let the next efforts depart from the last ones without a jump, whatever they follow then.
+    void start_transition() noexcept { regime_ = Activity::none; }
+
     /// Efforts for the state in the buffers of the control law.
     Numbers step(double now) noexcept { return step(now, now, now); }
 

@@ -238,7 +238,7 @@ void ComputedTorqueController::start_law()
     const auto timeout = std::chrono::duration<double>(law_.settings().state_timeout);
     if (deactivated_at_ && std::chrono::steady_clock::now() - *deactivated_at_ < timeout) {
         law_.end_reference();
-        law_.apply(law_.settings()); // the next efforts depart from the last ones
+        law_.start_transition(); // the next reference may be far from the last one
         return;
     }
     write_start_efforts(positions_);
@@ -356,9 +356,9 @@ return_type ComputedTorqueController::update_and_write_commands(const rclcpp::Ti
 {
     const double now = seconds(time);
     apply_inputs();
-    if (is_in_chained_mode()) {
-        track_reference_interfaces(now);
-    }
+    // also out of chained mode: where the controller before this one is restarted by one switch, ros2_control (4.46) takes
+    // this one out of chained mode, and the other one goes on to write the interfaces
+    track_reference_interfaces(now);
     const Numbers efforts = read_state() ? law_.step(now) : law_.tick(now); // a state that is in use is not new
     write_efforts(efforts.empty() ? law_.last_efforts() : efforts);
     report_.record(law_);
