@@ -139,7 +139,7 @@ def read_robot(
     options: _ReaderOptions = {"source": source, "moving_base": moving_base, "gravity": gravity}
     if not isinstance(values, Mapping | None) or not all(isinstance(name, str) for name in values or ()):
         raise DescriptionError(f"{source}: values are {values!r:.60}: {{name: number or expression}} is needed")
-    if not _beginning(text, None).strip():
+    if not text.strip():
         raise DescriptionError(f"{source} is empty: the text of {FORMATS} is needed")
     if is_urdf(text):
         if isinstance(source, Path) and is_xacro(text, source):

@@ -248,7 +248,7 @@ def test_description_of_100_megabytes_is_refused_before_it_is_parsed(tmp_path):
         ("/no/such/file.urdf", "cannot be read as a file"),
         ("", "empty"),
         ("nobody", "no robot of that name ships"),
-        (b"", "empty"),
+        (b"", "is empty: the text of a URDF, a xacro, an SDF, an MJCF"),
         (b"\xff\xfe\x00", "cannot be decoded|not well-formed"),
         (b'<?xml version="1.0" encoding="klingon"?>' + GOOD.encode(), "klingon"),
         (b'<?xml version="1.0" encoding="undefined"?>' + GOOD.encode(), "cannot be decoded"),
