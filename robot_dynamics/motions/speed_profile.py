@@ -84,14 +84,13 @@ class IntervalLimits:
         """Say why no control in an interval is within the limits: which actuator is too weak, if it is at rest."""
         at_rest = self._friction(number, np.zeros(1))[0] + self.c[number]
         limits = self.margins[number] * self.limits.effort_limits(np.zeros((1, self.speed_rates.shape[1])))[0]
-        usage = at_rest / np.concatenate([limits, limits])
+        with np.errstate(divide="ignore", invalid="ignore"):  # limits of zero
+            usage = np.nan_to_num(at_rest / np.concatenate([limits, limits]), nan=0.0, posinf=np.inf)
         worst = int(usage.argmax())
         if usage[worst] > 1:
             name = self.limits.names[worst % len(limits)]
-            return (
-                f"the effort limit of {name!r} is passed at a point of the path however slow the motion is: to rest "
-                f"there takes {usage[worst]:.0%} of it"
-            )
+            reason = f"to rest there takes {usage[worst]:.0%} of it" if np.isfinite(usage[worst]) else "it is zero"
+            return f"the effort limit of {name!r} is passed at a point of the path however slow the motion is: {reason}"
         return "limits are passed at a point of the path however slow the motion is: no one effort is to blame"
 
     def _friction(self, number: int, rates: Array) -> Array:

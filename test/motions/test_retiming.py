@@ -149,6 +149,7 @@ def test_motion_stops_where_it_turns_and_keeps_its_pauses():
     [
         ({"effort": np.inf, "velocity": np.inf}, "nothing limits the speed"),
         ({"effort": 1.0}, f"effort limit of 'j' .* however slow .* takes {MASS * 9.81:.0%} of it"),
+        ({"effort": 0.0}, "effort limit of 'j' .* however slow .*: it is zero"),
     ],
 )
 def test_paths_without_a_fastest_motion_are_refused(change, message):
