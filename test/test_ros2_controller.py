@@ -153,6 +153,15 @@ def test_panda_of_mujoco_is_that_of_the_description_with_the_payload_of_the_exam
             assert data.qfrc_inverse == pytest.approx(each.inverse(data.qpos, data.qvel, data.qacc), abs=1e-11)
 
 
+def test_launch_file_fills_in_what_the_tags_leave_open():
+    launch_file = (BRINGUP / "panda_ros2_control.launch.py").read_text(encoding="utf-8")
+    for path in BRINGUP.glob("*.ros2_control.xml"):
+        for name in re.findall(r"\{\w+\}", path.read_text(encoding="utf-8")):
+            assert f'.replace("{name}", ' in launch_file, f"{name} of {path.name}"
+    installed = (BRINGUP / "CMakeLists.txt").read_text(encoding="utf-8")
+    assert all(path.name in installed for path in BRINGUP.iterdir() if path.suffix in {".xml", ".yaml", ".py"})
+
+
 def test_plugins_are_those_that_are_exported():
     for path in PACKAGE.glob("src/*/*_plugins.xml"):
         library = ElementTree.parse(path).getroot()
