@@ -113,7 +113,7 @@ def test_a_motion_about_a_vertical_axis_does_not_determine_the_payload(tmp_path)
     assert not result.is_determined
 
 
-@pytest.mark.parametrize("seed", [1, 2, 10])
+@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("joint", range(7))
 def test_mass_from_the_motion_of_one_joint_is_right_or_not_determined(tmp_path, joint, seed):
     """One joint shows a mass times its distance: a light body far away needs the same efforts."""
@@ -128,7 +128,7 @@ def test_mass_from_the_motion_of_one_joint_is_right_or_not_determined(tmp_path, 
     path = write_table(tmp_path / "run.csv", Motion(run.times, q, qd, qdd, efforts))
     result = fit([open_recording(path, MODEL.drives)])
     assert not result.is_determined
-    assert abs(result.inertia.mass - mass) < 3 * result.deviations[9] or not result.determined[9]
+    assert abs(result.inertia.mass - mass) < 2 * result.deviations[9] or not result.determined[9]
     assert result.determined[9] or joint not in {1, 2, 3}
 
 

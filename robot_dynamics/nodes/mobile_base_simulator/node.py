@@ -24,7 +24,7 @@ from trajectory_msgs.msg import JointTrajectory
 from robot_dynamics.errors import RobotDynamicsError
 from robot_dynamics.nodes.clocks import ClockMonitor
 from robot_dynamics.nodes.diagnostics import Diagnostics
-from robot_dynamics.nodes.guarded_callbacks import failure_reason
+from robot_dynamics.nodes.guarded_callbacks import refusal_reason
 from robot_dynamics.nodes.mobile_base_simulator.health import SimulatorStatus, simulator_health
 from robot_dynamics.nodes.mobile_base_simulator.inputs import SimulatorInputs
 from robot_dynamics.nodes.mobile_base_simulator.other_publishers import OtherPublishers
@@ -142,7 +142,7 @@ class MobileBaseSimulator(Node):
                     self._on_tick()
             except Exception as error:
                 self._refused += 1
-                self._last_refusal = f"{topic}: {failure_reason(self.get_logger(), error)}"
+                self._last_refusal = refusal_reason(self.get_logger(), topic, error)
                 self.get_logger().warning(f"refused: {self._last_refusal}", throttle_duration_sec=1.0)
                 self._diagnostics.publish_if_changed(self._last_refusal)
 

@@ -122,7 +122,7 @@ public:
         }
         settings_ = settings; // the arrays have the same size: nothing is allocated
         use_settings();
-        regime_ = Activity::none;
+        start_transition();
         return true;
     }
 
@@ -136,7 +136,7 @@ public:
         }
         if (!std::equal(inertia.begin(), inertia.end(), law_.payload().begin())) {
             std::copy(inertia.begin(), inertia.end(), law_.payload().begin());
-            regime_ = Activity::none;
+            start_transition();
         }
         return true;
     }
