@@ -153,7 +153,10 @@ def test_prescribed_joint_motion_moves_the_base_by_reaction(start):
     message.points = [point(0, positions=goal, velocities=np.zeros(6), accelerations=np.zeros(6))]
     message.points[0].time_from_start.sec = 1
     node.publish("reference", message)
-    node.wait_until(lambda: node.odom and np.allclose(node.joint_states[-1].position, goal, atol=1e-12), "the goal")
+    node.wait_until(
+        lambda: node.odom and node.joint_states and np.allclose(node.joint_states[-1].position, goal, atol=1e-12),
+        "the goal",
+    )
 
     def motion(time):
         s = min(time, 1.0)
